@@ -16,7 +16,7 @@ from excitation_cases import EXAMPLES
 
 from consistent_id.excitation.sources import problem_to_excite
 from consistent_id.laboratory.rehearsal.dry_runs import dry_run
-from consistent_id.robot.chains import Selection
+from consistent_id.problems.statement import Statement
 
 ROBOTS = {
     "UR10": ("ur_description/urdf/ur10_robot.urdf", None),
@@ -38,7 +38,7 @@ def main() -> None:
     for name in options.names or ROBOTS:
         file, tip = ROBOTS[name]
         changes = {"share": 0.9, "acceleration": 10.0}
-        problem = problem_to_excite(EXAMPLES / file, changes, Selection(None, tip))
+        problem = problem_to_excite(EXAMPLES / file, changes, Statement(tip=tip))
         found = dry_run(
             problem,
             robots=options.robots,

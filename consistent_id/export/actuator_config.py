@@ -15,9 +15,11 @@ from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.export_formats import (
     EXPORT_FORMATS,
     Export,
+    ExportFormat,
     SideFile,
     exporter,
     provenance,
+    without_doubtful,
 )
 from consistent_id.export.file_values import (
     joint_drives,
@@ -269,7 +271,7 @@ def readme(
         Delay of commands; it is part of the formats that take gains.
     """
     known = next(entry for entry in EXPORT_FORMATS if entry.name == form)
-    rows = "".join(_missing(estimate, known.holds))
+    rows = "".join(_missing(estimate, known))
     late = delay != 0.0 and not known.takes_gains
     text = _README.format(
         line=provenance(estimate).replace("--", "- -"),
@@ -282,9 +284,10 @@ def readme(
     return SideFile(".README.md", text.encode())
 
 
-def _missing(estimate: Estimate, holds: Sequence[str] | None) -> Iterator[str]:
+def _missing(estimate: Estimate, known: ExportFormat) -> Iterator[str]:
     """Yield rows on coefficients that differ in a file."""
-    left, model = parameters_in_file(estimate, holds), estimate.model
+    written = without_doubtful(estimate)[0] if known.lean else estimate
+    left, model = parameters_in_file(written, known.holds), estimate.model
     columns = {
         (joint.name, name): _column(term)
         for joint, terms in zip(model.robot.driven, model.terms, strict=True)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from importlib import import_module
+from math import inf, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:  # `consistent-id --help` lists the formats
     from consistent_id.recordings.signals import PDGains
     from consistent_id.robot.chains import Selection
     from consistent_id.robot.loaders.urdf_in_place import Edit, XmlText
+    from consistent_id.robot.model import Joint
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -53,6 +55,8 @@ class ExportFormat:
         Parameters of simulators (``damping``, ``friction``, ``armature``,
         ``stiffness``) and further drive terms that it has, or that the file has which
         it goes with; None if it has every term.
+    lean : bool
+        Whether it, or the file which it goes with, is `without_doubtful` terms.
     """
 
     name: str
@@ -64,6 +68,7 @@ class ExportFormat:
     has_assets: bool = False
     takes_gains: bool = False
     holds: tuple[str, ...] | None = None
+    lean: bool = False
 
 
 _PLAIN = ("damping", "friction", "armature")
@@ -89,6 +94,7 @@ EXPORT_FORMATS = (
         takes_source=True,
         has_assets=True,
         holds=(*_MJCF, *_GEARS),
+        lean=True,
     ),
     ExportFormat("json", "JSON", "json_record", "to_json", floating=True),
     ExportFormat(
@@ -119,10 +125,12 @@ EXPORT_FORMATS = (
         floating=True,
         takes_gains=True,
         holds=(*_MJCF, *_GEARS),
+        lean=True,
     ),
 )
 
 _DOUBTFUL = ("offset", "spring")  # terms that are left out within their error
+_UNFELT = 0.2  # of a joint's residual: torque of what is left out, at most
 
 _COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")
 
@@ -352,22 +360,40 @@ def _of_drag(estimate: "Estimate") -> tuple[str, ...]:
 def without_doubtful(estimate: "Estimate") -> tuple["Estimate", tuple[str, ...]]:
     """Return an estimate without offsets and springs that may be zero, and notes.
 
-    They are those within their standard error: a file is simpler without them, and
-    fits the data as well.
+    They are those within their standard error whose torque is hardly felt: a file is
+    simpler without them, and fits the data as well.  A term may be within its error
+    and large, if other parameters make up for it.  It stays, because these do not
+    change.
     """
     errors, layout = estimate.parameter_errors, estimate.model.layout
     if errors is None:
         return estimate, ()
     x, left_out = estimate.parameters.copy(), []
+    robot, sigma = estimate.model.robot, estimate.sigma
+    unfelt = dict(zip(estimate.model.torque_joints, _UNFELT * sigma, strict=True))
+    reach = {joint.name: _reach(joint) for joint in robot.driven}
     for name in _DOUBTFUL:
         for i in layout.drive_indices(name):
-            if x[i] != 0.0 and abs(x[i]) <= errors[i]:  # not of NaN
+            joint = layout.drive[i - layout.inertial_size][0]
+            torque = abs(x[i]) * (reach[joint] if name == "spring" else 1.0)
+            within = x[i] != 0.0 and abs(x[i]) <= errors[i]  # not of NaN
+            if within and torque <= unfelt.get(joint, 0.0):
                 left_out.append(f"{layout.names[i]} {x[i]:.2g} +- {errors[i]:.2g}")
+                unfelt[joint] -= torque
                 x[i] = 0.0
     if not left_out:
         return estimate, ()
-    note = f"left out, as within their standard error: {', '.join(left_out)}"
+    note = (
+        "left out, as within their standard error and hardly felt in the torque: "
+        + ", ".join(left_out)
+    )
     return replace(estimate, parameters=x), (note,)
+
+
+def _reach(joint: "Joint") -> float:
+    """Return a joint's largest position [rad or m]; half a turn without limits."""
+    largest = max(abs(joint.limits.lower), abs(joint.limits.upper))
+    return largest if largest < inf else pi
 
 
 def exporter(form: str) -> Callable[[Callable[P, R]], Callable[P, R]]:

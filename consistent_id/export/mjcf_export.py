@@ -244,7 +244,7 @@ def to_mjcf(
 ) -> Export:
     """Return MJCF with explicit inertials, armature, damping, friction loss, springs.
 
-    Offsets and springs within their standard error are left out.
+    Offsets and springs within their standard error are left out, if hardly felt.
 
     Parameters
     ----------

@@ -13,6 +13,7 @@ from consistent_id import (
     from_modified_dh,
     to_mjcf,
 )
+from consistent_id.export.actuator_config import readme
 from consistent_id.export.export_formats import exported, without_doubtful
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.rollout.commanded_motion import FileError
@@ -36,7 +37,7 @@ def estimate():
     errors[index("joint1.spring")] = 0.19  # is not
     errors[index("joint2.spring")] = 0.3  # may be zero
     errors[index("joint1.viscous")] = 1.0  # friction is never left out
-    return replace(made, parameter_errors=errors)
+    return replace(made, parameter_errors=errors, sigma=np.array([1.0, 4.0]))
 
 
 def test_only_offsets_and_springs_within_their_error_are_left_out(estimate):
@@ -46,6 +47,25 @@ def test_only_offsets_and_springs_within_their_error_are_left_out(estimate):
     assert left_out == {"joint1.offset", "joint2.spring"}
     assert (kept.parameters[changed] == 0.0).all()
     assert "joint1.offset 0.05 +- 0.06" in note and "joint2.spring" in note
+
+
+def test_a_term_that_the_torque_needs_stays(estimate):
+    # An offset beyond a fifth of the residual, a spring that is so far from zero.
+    exact = replace(estimate, sigma=np.array([0.2, 0.2 * np.pi]))
+    assert without_doubtful(exact) == (exact, ())
+    kept, _ = without_doubtful(replace(exact, sigma=np.array([0.26, 1.01 * np.pi])))
+    assert np.count_nonzero(kept.parameters != exact.parameters) == 2
+    # Together they are not felt either.
+    both = replace(estimate, parameter_errors=np.full(len(estimate.parameters), 1.0))
+    kept, (note,) = without_doubtful(replace(both, sigma=np.array([4.0, 3.2])))
+    assert "joint2.offset" in note and "joint2.spring" not in note
+
+
+def test_what_is_left_out_is_listed_as_what_a_file_lacks(estimate):
+    text = readme(estimate, "mjcf", "arm.xml", []).content.decode()
+    assert "| joint1 | offset | 0.05 N m | `offset` |" in text
+    assert "| joint2 | spring | 0.2 N m/rad |" in text
+    assert "every drive term" not in text
 
 
 def test_mjcf_lacks_them_and_says_so_at_both_doors_but_functions_have_them(estimate):

@@ -15,9 +15,10 @@ from consistent_id import cli, load_problem, low_passed
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.request import design_request
 from consistent_id.laboratory import Cameras, LoadCell
-from consistent_id.laboratory.from_problem import laboratory_of, task_motion
+from consistent_id.laboratory.from_problem import laboratory_of, task_motion, task_path
 from consistent_id.laboratory.reproduction import QUICK, error_budget, reproduce
 from consistent_id.laboratory.reproduction.budget import Tempo, allowed_friction, slowed
+from consistent_id.laboratory.reproduction.error_analysis import _varied
 from consistent_id.laboratory.reproduction.paper_report import (
     html_page,
     markdown_tables,
@@ -114,6 +115,23 @@ def test_the_account_leaves_no_more_than_noise():
     assert study.error_analysis.planned.scatter() == pytest.approx(
         study.error_analysis.budget.scatter(), abs=0.05
     )
+
+
+@pytest.mark.parametrize("name", ["ellipse", "ellipsoid"])
+def test_tasks_elsewhere_are_of_another_size_in_all_directions(name):
+    table = PROBLEM.table.tasks[name]
+    varied = _varied(table, np.random.default_rng(0))
+    ratios = np.array(varied.semi_axes) / np.array(table.semi_axes)
+    assert ratios == pytest.approx(ratios[0])
+    assert ratios[0] != pytest.approx(1.0)
+    path = task_path(
+        replace(
+            PROBLEM,
+            table=msgspec.structs.replace(PROBLEM.table, tasks={name: varied}),
+        ),
+        name,
+    )
+    assert path.duration == pytest.approx(varied.duration)
 
 
 def test_alpha5_scatters_most_in_the_paper_and_alpha12_least():

@@ -1,6 +1,6 @@
 """Error analyses along a paper's tasks: found, predicted, assumptions varied."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -162,8 +162,8 @@ def _factor(most: float, rng: np.random.Generator) -> float:
     return float(most ** rng.uniform(-1.0, 1.0))
 
 
-def _scaled(sizes: float | list[float], factor: float) -> float | list[float]:
-    if isinstance(sizes, list):
+def _scaled(sizes: float | Sequence[float], factor: float) -> float | list[float]:
+    if isinstance(sizes, Sequence):
         return [factor * size for size in sizes]
     return factor * sizes
 
