@@ -7,11 +7,8 @@ Where it refuses them the csv module reads the file again, row by row: it knows 
 and the column of each fault.
 """
 
-import codecs
 import csv
 import io
-import re
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -24,6 +21,12 @@ import numpy as np
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
+from consistent_id.recordings.readers.long_tables import (
+    LongOrder,
+    as_wide,
+    may_be_long,
+    order_of,
+)
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.parquet import numbers_of
 from consistent_id.recordings.readers.printed_messages import (
@@ -31,6 +34,7 @@ from consistent_id.recordings.readers.printed_messages import (
     is_printed,
     named_columns,
 )
+from consistent_id.recordings.readers.text_files import encoding_notes, encoding_of
 from consistent_id.recordings.readers.text_numbers import (
     decimal_mark,
     is_number,
@@ -47,14 +51,12 @@ from consistent_id.recordings.readers.used_rows import (
 _SEPARATORS = (",", ";", "\t")
 _SPACE = " "  # separates where no other mark does: names may contain spaces
 _PIECE = 2**22  # characters of text that are read at a time
-_UTF_16, _WINDOWS = "utf-16", "cp1252"
 _WITHOUT_NAMES = "column"
 _SI = {"s", "sec", "rad", "m", "rad/s", "m/s", "rad/s^2", "m/s^2", "nm", "n*m", "n"}
 _SI |= {"", "-", "1"}
 _OF_SI = ": values are read in s, rad, m, N m and N"
 _NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
 _NOTHING = {"", "NA", "N/A", "NULL", "null", "None"}  # fields of missing values
-_CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,35 +161,11 @@ def _readable(path: Path) -> Iterator[None]:
         raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
 
 
-def encoding_of(path: Path) -> str:
-    """Return the encoding of a text file.
-
-    UTF-16 begins with a mark.  Other text is Windows-1252, of which Latin-1 is a part:
-    only names and comments can differ, as numbers are ASCII.
-    """
-    with path.open("rb") as file:
-        first = file.read(_PIECE)
-    if first.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
-        return _UTF_16
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(first)
-    except UnicodeDecodeError:
-        text = first.decode(_WINDOWS, errors="replace")
-        if "\ufffd" not in text and not _CONTROLS.search(text):
-            return _WINDOWS
-    return "utf-8-sig"
-
-
 def notes(path: Path) -> tuple[str, ...]:
     """Return sentences on the encoding if it is not UTF-8, and on a missing header."""
-    said, encoding = [], encoding_of(path)
-    if encoding == _UTF_16:
-        said.append(f"{path.name} is UTF-16 text")
-    if encoding == _WINDOWS:
-        said.append(
-            f"{path.name} is not UTF-8, it is read as Latin-1 (Windows-1252): check "
-            "letters such as \N{DEGREE SIGN} in the names of columns"
-        )
+    said = encoding_notes(path)
+    if (order := _order(path)) is not None:
+        said.append(order.sentence(path.name))
     if lacks_names(names := array_names(path)):
         said.append(
             f"{path.name} has no header: its {len(names)} columns are called "
@@ -209,17 +187,28 @@ def lacks_names(names: Sequence[str]) -> bool:
 
 
 def _text(path: Path) -> str:
-    """Return the text of a file; printed messages as a table."""
+    """Return the text of a file; printed messages and long tables as a table."""
     text = path.read_bytes().decode(encoding_of(path))
-    return as_table(text) if is_printed(text) else text
+    if is_printed(text):
+        text = as_table(text)
+    return as_wide(text)
+
+
+def _order(path: Path) -> LongOrder | None:
+    """Return the order of a long table; None of other files."""
+    with path.open(encoding=encoding_of(path), newline="") as file:
+        piece = file.read(_PIECE)
+    if not may_be_long(piece):
+        return None
+    return order_of(path.read_bytes().decode(encoding_of(path)))
 
 
 def _pieces_of_lines(path: Path) -> Iterator[str]:
-    """Yield a file's text in pieces of whole lines; printed messages as a table."""
+    """Yield a file's text in pieces of whole lines; others as `_text`."""
     rest, first = "", True
     with path.open(encoding=encoding_of(path), newline="") as file:
         while piece := file.read(_PIECE):
-            if first and is_printed(piece):
+            if first and (is_printed(piece) or may_be_long(piece)):
                 yield _text(path)
                 return
             first = False

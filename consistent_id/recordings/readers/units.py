@@ -94,6 +94,12 @@ _LAST_TORQUE = re.compile(
     rf"[\[(_ ]\s*(%|pct|percent|permille|‰|[mk] ?N{_MARK}m|N{_MARK}[cm]m|mA|"
     rf"(?i:kgf?{_MARK}c?m|{_IMPERIAL}))\s*[\])]?$"
 )
+# Words for the joint after a unit, such as in ``pos_deg_J{number}``.
+_TAIL = re.compile(
+    r"[ _.]*(?:(?<=[ _.\])])(?:j|jnt|joint|joints|a|ax|axis|axes|m|motor|servo|dof)"
+    r"[ _.#]*)?(?:\[\])?$",
+    re.IGNORECASE,
+)
 
 _CLOCKS: tuple[str, ...] = (
     "time",
@@ -218,7 +224,7 @@ def unit_of_a_name(channel: str, pattern: str) -> str:
     """
     if channel == "time" and _AND in pattern:
         return ""
-    name = re.sub(r"\{[^}]*\}", "", pattern).rstrip(" _")
+    name = _TAIL.sub("", re.sub(r"\{[^}]*\}", "", pattern))
     found = (_LAST_TORQUE if channel.startswith("torque") else _LAST).search(name)
     if found is None:
         return ""
