@@ -19,13 +19,11 @@ from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.column_names import (
     NamePattern,
     NumberedColumns,
-    columns_of_pattern,
     mapping_advice,
     mapping_option,
     name_patterns,
     numbered_columns,
     own_names,
-    require_one_torque,
     shown,
 )
 from consistent_id.recordings.column_words import (
@@ -38,13 +36,15 @@ from consistent_id.recordings.column_words import (
     words,
 )
 from consistent_id.recordings.log_formats import has_no_arrays, log_format
+from consistent_id.recordings.mixed_columns import (
+    mixed_patterns,
+    require_one_torque,
+    rivals,
+)
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
-from consistent_id.recordings.readers.units import (
-    KNOWN,
-    Units,
-)
+from consistent_id.recordings.readers.units import KNOWN, SI, Units, listed_names
 from consistent_id.recordings.recording import COMMANDS
 from consistent_id.recordings.unnamed_columns import clock_column, without_names
 from consistent_id.robot.parameters import did_you_mean
@@ -203,16 +203,13 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     for channel in ("position", "velocity", known.effort):
         if channel in known.channels:
             continue
-        patterns = [
-            pattern
-            for pattern in _candidates(channel, names, moved, known)
-            if not (flat and pattern.is_array)
-        ]
+        patterns = _candidates(channel, names, moved, known)
+        patterns = [p for p in patterns if not (flat and p.is_array)]
         if in_file:
             patterns = _with_motion(log, patterns, len(moved))
+        if not patterns and channel == "velocity":
+            continue
         if not patterns:
-            if channel == "velocity":
-                continue
             where = joints if channel == "position" else moved
             raise _not_found(log, channel, names, where, known)
         best, *others = patterns
@@ -227,9 +224,11 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         if best.units:
             each = map(" in ".join, zip(best.joints, best.units, strict=True))
             notes.append(f"{channel} is read from {best.text}: {', '.join(each)}")
+        if len(each_name := listed_names(best.text)) > 1:
+            notes.append(f"{channel} is read from {', '.join(each_name)}")
         if channel == "position" and is_bare(best.text):
             notes.append(f"{best.text} is taken as the position: no other column is")
-        if also := _rivals(best, others):
+        if also := rivals(best, others):
             notes.append(f"{channel} is read from {best.text}, not from {also}")
     return ColumnGuess(found, moved, tuple(notes))
 
@@ -262,13 +261,6 @@ def _of_messages(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     return ColumnGuess(found, named, tuple(notes), topic)
 
 
-def _rivals(best: NamePattern, others: Sequence[NamePattern]) -> str:
-    """Return the patterns of other columns for the same joints."""
-    mine = columns_of_pattern(best)
-    alike = [p for p in others if len(p.joints) == len(best.joints)]
-    return ", ".join(p.text for p in alike if columns_of_pattern(p) != mine)
-
-
 def _in_units(guess: ColumnGuess) -> ColumnGuess:
     """Add the units that the columns' names state, where none was given."""
     columns, notes = guess.columns, list(guess.notes)
@@ -276,8 +268,11 @@ def _in_units(guess: ColumnGuess) -> ColumnGuess:
         name = getattr(columns, channel)
         if name is None or channel in columns.units:
             continue
-        unit = unit_of(channel, name)
-        if unit in KNOWN[channel]:
+        units = [unit_of(channel, one) for one in listed_names(name)]
+        if len(set(units)) > 1:
+            each = tuple(unit or SI[channel] for unit in units)
+            columns = replace(columns, units={**columns.units, channel: each})
+        elif (unit := units[0]) in KNOWN[channel]:
             columns = replace(columns, units={**columns.units, channel: unit})
             notes.append(f"{channel} is in {unit}, according to {name}")
     return replace(guess, columns=columns, notes=tuple(notes))
@@ -350,10 +345,13 @@ def _candidates(
     """Return candidates for a channel of the moving joints, the best first."""
     patterns = name_patterns(channel, names, moved, known.all_joints)
     if channel == "torque" and not patterns and known.currents:
-        patterns = name_patterns("current", names, moved, known.all_joints)
-    if channel == "torque" and not patterns:
-        forces = name_patterns("force", names, moved, known.all_joints)
-        return [pattern for pattern in forces if known.sliding >= {*pattern.joints}]
+        if currents := name_patterns("current", names, moved, known.all_joints):
+            return currents
+    wanted = {*((channel == "torque" and known.torque_joints) or moved)}
+    if not patterns or not wanted <= {*patterns[0].joints}:
+        patterns = mixed_patterns(
+            channel, names, patterns, moved, known.all_joints, known.sliding
+        )
     if channel in ("velocity", "position_command"):
         return [pattern for pattern in patterns if pattern.joints == moved]
     return patterns

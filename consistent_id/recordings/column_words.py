@@ -88,7 +88,8 @@ _FLAG = {"contact", "contacts", "touch", "stance", "grounded", "footswitch"}
 _COMPONENTS = {"force", "forces", "torque", "torques", "wrench", "moment", "x", "y"}
 
 _FORCES = {"force", "forces", "frc"}  # of a sliding joint
-_BESIDE_FORCES = {"n", "kn", "newton", "newtons", "drive", "motor", "actuator", "state"}
+_BESIDE_FORCES = {"n", "kn", "k", "newton", "newtons"}
+_BESIDE_FORCES |= {"drive", "motor", "actuator", "state"}
 
 # Of a wrench sensor.
 _FORCE = r"(?P<force>f|force|forces)"
@@ -108,7 +109,7 @@ _NOT_OF_A_SENSOR = {"target", "desired", "des", "cmd", "command", "ref"}
 _NOT_OF_A_SENSOR |= {"joint", "contact"}
 
 
-_JOINT = re.compile(r"\{[^{}]*\}")
+_JOINT = re.compile(r"\{[^{},]*\}")
 _LETTERS = re.compile(r"[a-z]+")
 _GREEK = str.maketrans({"θ": "theta", "τ": "tau"})
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")

@@ -175,6 +175,7 @@ def test_what_is_no_unit_of_torque_is_refused(said):
         ("position", "q_deg[{index}]", "deg"),
         ("velocity", "vel_rpm_axis{number}", "rev/min"),
         ("torque", "tau_mNm_J{number}", "mN m"),
+        ("torque", "{joint}_force [kN]", "kN"),
         ("position", "q[{index}]", ""),
         ("position", "pos_rad_J{number}", ""),
     ],
