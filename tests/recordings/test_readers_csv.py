@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers import Columns, csv, read_recording
 from consistent_id.recordings.readers.used_rows import UsedRows
 
@@ -459,3 +460,41 @@ def test_a_row_of_other_units_is_not_just_left_out(tmp_path):
     with pytest.raises(RecordingError, match="only if --units states them") as refused:
         read_recording(file, ["a"], Columns(position="q_{joint}"))
     assert refused.value.options == ""
+
+
+def dated(folder, *dates):
+    file = folder / "log.csv"
+    rows = [f"{date},{k}" for k, date in enumerate(dates)]
+    file.write_text("time,q1\n" + "\n".join(rows) + "\n")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("dates", "steps", "said"),
+    [
+        (["3/12/2026 23:59:59", "3/13/2026 0:00:00"], [1.0], ""),
+        (["12/4/2026 23:59:59", "13/4/2026 0:00:00"], [1.0], ""),
+        (["3/4/2026 23:59:59", "3/5/2026 0:00:00"], [1.0], "the month first"),
+        (["3/4/2026 23:59:59", "4/4/2026 0:00:00"], [1.0], "the day first"),
+        (["3/4/2026 10:00:00", "3/4/2026 10:00:02"], [2.0], "the month first"),
+    ],
+)
+def test_dates_with_slashes_have_one_order(tmp_path, dates, steps, said):
+    file = dated(tmp_path, *dates)
+    whole = csv.read_arrays(file, ["time"])["time"]
+    assert np.diff(whole).tolist() == steps
+    pieces = [piece["time"] for piece in csv.read_batches(file, ["time"], 0)]
+    assert np.concatenate(pieces).tolist() == whole.tolist()
+    notes = log_format(file).notes(file)
+    assert [said in note for note in notes] == [True] * bool(said)
+
+
+def test_dates_of_two_orders_are_refused(tmp_path):
+    file = dated(tmp_path, "13/4/2026 10:00:00", "4/13/2026 10:00:01")
+    with pytest.raises(RecordingError, match="'4/13/2026 10:00:01' is not a number"):
+        csv.read_arrays(file, ["time"])
+
+
+def test_the_year_may_come_first_beside_slashes(tmp_path):
+    file = dated(tmp_path, "2026/04/13 23:59:59.5", "2026/04/14 00:00:00")
+    assert np.diff(csv.read_arrays(file, ["time"])["time"]).tolist() == [0.5]

@@ -36,6 +36,8 @@ from consistent_id.recordings.readers.printed_messages import (
 )
 from consistent_id.recordings.readers.text_files import encoding_notes, encoding_of
 from consistent_id.recordings.readers.text_numbers import (
+    DateOrder,
+    date_order,
     decimal_mark,
     is_number,
     number,
@@ -50,6 +52,7 @@ from consistent_id.recordings.readers.used_rows import (
 
 _SEPARATORS = (",", ";", "\t")
 _SPACE = " "  # separates where no other mark does: names may contain spaces
+_HEAD = 2**14  # characters that show whether there are dates
 _PIECE = 2**22  # characters of text that are read at a time
 _WITHOUT_NAMES = "column"
 _SI = {"s", "sec", "rad", "m", "rad/s", "m/s", "rad/s^2", "m/s^2", "nm", "n*m", "n"}
@@ -75,6 +78,8 @@ class _CsvHeader:
         The same line as a header, if its numbers are taken as a row.
     repeated : str
         What each row has to contain: the names of the joints, of printed messages.
+    day_first : bool
+        Whether the day is first in dates with slashes.
     """
 
     names: tuple[str, ...]
@@ -84,6 +89,7 @@ class _CsvHeader:
     rows: int = 0
     worded: "_CsvHeader | None" = None
     repeated: str = ""
+    day_first: bool = False
 
 
 def read_arrays(
@@ -114,6 +120,8 @@ def read_arrays(
     with _readable(path):
         text = _text(path)
         header = _header(path, text, names)
+        if date_order(text[:_HEAD]) != DateOrder():
+            header = replace(header, day_first=date_order(text).day_first)
         rows = UsedRows(omit, missing=missing)
         values = _values(path, text[header.end :], header, names, rows)
     return dict(zip(names, values.T, strict=True))
@@ -134,6 +142,9 @@ def read_batches(
         for text in _pieces_of_lines(path):
             if header is None:
                 header = _header(path, text, names)
+                if date_order(text[:_HEAD]) != DateOrder():
+                    whole = date_order(_text(path))
+                    header = replace(header, day_first=whole.day_first)
                 text = text[header.end :]
             lines = text.count("\n")
             rows = lines + (not text.endswith("\n"))
@@ -164,8 +175,12 @@ def _readable(path: Path) -> Iterator[None]:
 def notes(path: Path) -> tuple[str, ...]:
     """Return sentences on the encoding if it is not UTF-8, and on a missing header."""
     said = encoding_notes(path)
-    if (order := _order(path)) is not None:
-        said.append(order.sentence(path.name))
+    with path.open(encoding=encoding_of(path), newline="") as file:
+        dated = date_order(file.read(_HEAD)) != DateOrder()
+    if dated and (order := date_order(_text(path)).said):
+        said.append(order)
+    if (long := _order(path)) is not None:
+        said.append(long.sentence(path.name))
     if lacks_names(names := array_names(path)):
         said.append(
             f"{path.name} has no header: its {len(names)} columns are called "
@@ -410,7 +425,7 @@ def _exact(
         skipinitialspace=True,
     )
     mark = "." if header.separator == "," else None
-    lenient = used.missing == "omit"
+    lenient, day_first = used.missing == "omit", header.day_first
     rows: list[list[float | None]] = []
     first, broken, lacking = "", list[int](), True
     for fields in filter(None, reader):
@@ -423,7 +438,7 @@ def _exact(
             cells = [fields[k] for k in places]
             mark = mark or decimal_mark(cells)
             row = [
-                nan if lenient and cell in _NOTHING else number(cell, mark)
+                nan if lenient and cell in _NOTHING else number(cell, mark, day_first)
                 for cell in cells
             ]
             if None in row:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from consistent_id._support.arrays import BoolArray, IntArray, Matrix, Vector
 from consistent_id.recordings.column_words import channel_of, words
 from consistent_id.recordings.readers.text_numbers import (
+    date_order,
     decimal_mark,
     is_number,
     number,
@@ -305,7 +306,8 @@ def _numbers(cells: NDArray[Any]) -> Matrix:
         return cells.astype(np.float64)
     flat = cells.ravel().tolist()
     mark = decimal_mark(flat)
-    values = [number(cell, mark) for cell in flat]
+    day_first = date_order(",".join(flat)).day_first
+    values = [number(cell, mark, day_first) for cell in flat]
     whole = [np.nan if value is None else value for value in values]
     return np.array(whole).reshape(cells.shape)
 
