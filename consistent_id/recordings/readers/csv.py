@@ -21,8 +21,12 @@ import numpy as np
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
+from consistent_id.recordings.readers.header_lines import (
+    SI_WORDS,
+    header_note,
+    with_one_header,
+)
 from consistent_id.recordings.readers.long_tables import (
-    LongOrder,
     as_wide,
     may_be_long,
     order_of,
@@ -55,8 +59,7 @@ _SPACE = " "  # separates where no other mark does: names may contain spaces
 _HEAD = 2**14  # characters that show whether there are dates
 _PIECE = 2**22  # characters of text that are read at a time
 _WITHOUT_NAMES = "column"
-_SI = {"s", "sec", "rad", "m", "rad/s", "m/s", "rad/s^2", "m/s^2", "nm", "n*m", "n"}
-_SI |= {"", "-", "1"}
+_SI = {*SI_WORDS, "", "-", "1"}
 _OF_SI = ": values are read in s, rad, m, N m and N"
 _NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
 _NOTHING = {"", "NA", "N/A", "NULL", "null", "None"}  # fields of missing values
@@ -174,13 +177,14 @@ def _readable(path: Path) -> Iterator[None]:
 
 def notes(path: Path) -> tuple[str, ...]:
     """Return sentences on the encoding if it is not UTF-8, and on a missing header."""
-    said = encoding_notes(path)
-    with path.open(encoding=encoding_of(path), newline="") as file:
-        dated = date_order(file.read(_HEAD)) != DateOrder()
-    if dated and (order := date_order(_text(path)).said):
-        said.append(order)
-    if (long := _order(path)) is not None:
-        said.append(long.sentence(path.name))
+    head = _head(path)
+    said = [*encoding_notes(path), *header_note(head, path.name)]
+    if date_order(head[:_HEAD]) != DateOrder():
+        said += filter(None, [date_order(_text(path)).said])
+    if may_be_long(one := with_one_header(head)):
+        whole = one if len(head) < _PIECE else path.read_text(encoding_of(path))
+        if (order := order_of(with_one_header(whole))) is not None:
+            said.append(order.sentence(path.name))
     if lacks_names(names := array_names(path)):
         said.append(
             f"{path.name} has no header: its {len(names)} columns are called "
@@ -202,20 +206,17 @@ def lacks_names(names: Sequence[str]) -> bool:
 
 
 def _text(path: Path) -> str:
-    """Return the text of a file; printed messages and long tables as a table."""
+    """Return a file's text as a table: also printed messages and long tables."""
     text = path.read_bytes().decode(encoding_of(path))
     if is_printed(text):
         text = as_table(text)
-    return as_wide(text)
+    return as_wide(with_one_header(text))
 
 
-def _order(path: Path) -> LongOrder | None:
-    """Return the order of a long table; None of other files."""
+def _head(path: Path) -> str:
+    """Return the first piece of a text as it is written."""
     with path.open(encoding=encoding_of(path), newline="") as file:
-        piece = file.read(_PIECE)
-    if not may_be_long(piece):
-        return None
-    return order_of(path.read_bytes().decode(encoding_of(path)))
+        return file.read(_PIECE)
 
 
 def _pieces_of_lines(path: Path) -> Iterator[str]:
@@ -223,6 +224,8 @@ def _pieces_of_lines(path: Path) -> Iterator[str]:
     rest, first = "", True
     with path.open(encoding=encoding_of(path), newline="") as file:
         while piece := file.read(_PIECE):
+            if first:
+                piece = with_one_header(piece)
             if first and (is_printed(piece) or may_be_long(piece)):
                 yield _text(path)
                 return

@@ -278,6 +278,14 @@ def is_unit(text: str) -> bool:
     return False
 
 
+def is_any_unit(text: str) -> bool:
+    """Return whether a text is a unit of any channel, of the clock too."""
+    for channel in KNOWN:
+        with suppress(RecordingError):
+            return bool(standard_unit(channel, text))
+    return False
+
+
 def is_other_unit(text: str) -> bool:
     """Return whether a text is a unit of time or motion that is not SI."""
     return _UNIT.fullmatch(text.strip()) is not None
