@@ -33,7 +33,6 @@ from consistent_id.recordings.column_guess import (
     ColumnGuess,
     KnownColumns,
     guess_columns,
-    require_torque,
 )
 from consistent_id.recordings.column_words import (
     WrenchNames,
@@ -41,6 +40,7 @@ from consistent_id.recordings.column_words import (
     wrench_names,
 )
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
+from consistent_id.recordings.mixed_columns import require_torque
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
 from consistent_id.recordings.readers.columns import wanted
 from consistent_id.recordings.readers.data_frames import ColumnTable, table_names

@@ -30,7 +30,6 @@ from consistent_id.recordings.column_words import (
     CHANNELS,
     channel_of,
     is_bare,
-    is_current,
     says_nothing,
     unit_of,
     words,
@@ -46,7 +45,11 @@ from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.units import KNOWN, SI, Units, listed_names
 from consistent_id.recordings.recording import COMMANDS
-from consistent_id.recordings.unnamed_columns import clock_column, without_names
+from consistent_id.recordings.unnamed_columns import (
+    array_order,
+    clock_column,
+    without_names,
+)
 from consistent_id.robot.parameters import did_you_mean
 
 _WITHOUT_TORQUE = (
@@ -230,6 +233,9 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             notes.append(f"{best.text} is taken as the position: no other column is")
         if also := rivals(best, others):
             notes.append(f"{channel} is read from {best.text}, not from {also}")
+    if in_file and found.array_joints and known.arrays is None:
+        order = array_order(log, names, tuple(found.array_joints))
+        found = replace(found, array_joints=order)
     return ColumnGuess(found, moved, tuple(notes))
 
 
@@ -248,8 +254,8 @@ def _of_messages(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     if chosen.others:
         others = ", ".join(chosen.others)
         notes.append(f"joint states are read from {chosen.name}, not from {others}")
-    without = "torque" not in known.channels and "effort" not in chosen.fields
-    if without and not known.torque_joints:
+    has_torque = "torque" in known.channels or "effort" in chosen.fields
+    if not has_torque and not known.torque_joints:
         raise RecordingError(
             f"{log}: topic {chosen.name} has no effort of {shown(named)}. "
             f"{_WITHOUT_TORQUE} --torque-joints JOINT ... if it has that of some joints"
@@ -276,29 +282,6 @@ def _in_units(guess: ColumnGuess) -> ColumnGuess:
             columns = replace(columns, units={**columns.units, channel: unit})
             notes.append(f"{channel} is in {unit}, according to {name}")
     return replace(guess, columns=columns, notes=tuple(notes))
-
-
-def require_torque(pattern: str | None, torque_gain: Sequence[float]) -> None:
-    """Refuse motor currents as torque without a gain.
-
-    Parameters
-    ----------
-    pattern : str, optional
-        Name of the torque's columns.
-    torque_gain : sequence of float
-        The given gain; empty if there is none.
-
-    Raises
-    ------
-    RecordingError
-        If the name says current and not torque, and there is no gain.
-    """
-    if is_current(pattern or "") and not len(torque_gain):
-        raise RecordingError(
-            f"torque is read from {pattern}, whose name denotes a current, without a "
-            f"gain. Give the N m per ampere of each joint, gear ratio included: "
-            "--torque-gain (torque_gain); 1 if these columns are torques in N m"
-        )
 
 
 def _with(columns: Columns, channel: str, pattern: NamePattern) -> Columns:

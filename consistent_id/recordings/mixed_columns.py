@@ -16,7 +16,12 @@ from consistent_id.recordings.column_names import (
     name_patterns,
     shown,
 )
-from consistent_id.recordings.column_words import channel_of, is_force, words
+from consistent_id.recordings.column_words import (
+    channel_of,
+    is_current,
+    is_force,
+    words,
+)
 
 _NUMBER = re.compile(r"\d+")
 
@@ -153,3 +158,26 @@ def require_one_torque(
         f"{both}; or, if only the first is one: "
         f"--torque-joints {' '.join(best.joints)}"
     )
+
+
+def require_torque(pattern: str | None, torque_gain: Sequence[float]) -> None:
+    """Refuse motor currents as torque without a gain.
+
+    Parameters
+    ----------
+    pattern : str, optional
+        Name of the torque's columns.
+    torque_gain : sequence of float
+        The given gain; empty if there is none.
+
+    Raises
+    ------
+    RecordingError
+        If the name says current and not torque, and there is no gain.
+    """
+    if is_current(pattern or "") and not len(torque_gain):
+        raise RecordingError(
+            f"torque is read from {pattern}, whose name denotes a current, without a "
+            f"gain. Give the N m per ampere of each joint, gear ratio included: "
+            "--torque-gain (torque_gain); 1 if these columns are torques in N m"
+        )
