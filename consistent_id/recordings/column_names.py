@@ -20,6 +20,7 @@ from consistent_id.recordings.column_words import (
     is_current,
     is_force,
     states,
+    words,
 )
 from consistent_id.recordings.readers.units import is_unit, listed_names
 
@@ -314,6 +315,34 @@ class NamePattern:
     units: tuple[str, ...] = ()
 
 
+_OF_A_JOINT = {"measured", "meas", "msr", "mes", "actual", "act", "real", "ist"}
+_DOUBTFUL = {
+    "sim",
+    "simulated",
+    "model",
+    "nominal",
+    "ff",
+    "feedforward",
+    "set",
+    "rated",
+}
+_DOUBTFUL |= {"max", "min", "est", "estimated", "offset", "bias", "friction", "prev"}
+_OF_A_MOTOR = {"motor", "rotor"}  # before the gear
+
+
+def doubt(channel: str, pattern: str) -> int:
+    """Return a rank of patterns of one channel: measured, plain, of something else.
+
+    Examples
+    --------
+    >>> [doubt("torque", f"tau_{word}") for word in ("meas", "{joint}", "sim")]
+    [0, 1, 2]
+    """
+    said = words(pattern)
+    moved = channel != "torque" and said & _OF_A_MOTOR
+    return 2 if moved or said & _DOUBTFUL else 0 if said & _OF_A_JOINT else 1
+
+
 def name_patterns(
     channel: str,
     names: Sequence[str],
@@ -365,7 +394,12 @@ def _name_patterns(
     return tuple(
         sorted(
             fitting,
-            key=lambda p: (-len(p.joints), "{joint}" not in p.text, len(p.text)),
+            key=lambda p: (
+                -len(p.joints),
+                doubt(channel, p.text),
+                "{joint}" not in p.text,
+                len(p.text),
+            ),
         )
     )
 

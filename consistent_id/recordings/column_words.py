@@ -25,17 +25,17 @@ _WORDS = {
     channel: tuple(frozenset(phrase.split()) for phrase in phrases.split(", "))
     for channel, phrases in {
         "position": "q, pos, position, positions, ang, angle, angles, theta, qpos, "
-        "jpos, observation state, axis act, feedback joints",
+        "jpos, observation state, axis act, feedback joints, winkel",
         "velocity": "dq, qd, qdot, vel, velocity, velocities, speed, speeds, dtheta, "
-        "thetadot, qvel, jvel",
+        "thetadot, qvel, jvel, geschwindigkeit",
         "torque": "tau, trq, torq, torque, torques, moment, moments, eff, effort, "
-        "efforts, jts, qfrc actuator, actuator force",
+        "efforts, jts, qfrc actuator, actuator force, drehmoment",
     }.items()
 }
 _CURRENT = {"current", "currents", "cur", "curr", "amp", "amps", "ampere", "amperes"}
 _CURRENT |= {"i", "iq"}
 _COMMANDED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
-_COMMANDED |= {"reference", "setpoint", "goal"}
+_COMMANDED |= {"reference", "setpoint", "goal", "soll"}
 _COMMANDS = {f"{short}{word}" for short in ("q", "pos", "p") for word in _COMMANDED}
 _COMMANDS |= {"aspos"}  # KUKA
 _COMMANDED |= {"d"}

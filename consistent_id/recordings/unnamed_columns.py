@@ -312,14 +312,19 @@ def array_order(
     RecordingError
         If it names other joints; with the option that maps them.
     """
-    likely = [
-        n for n in names if {"name", "names"} & (said := words(n)) and said <= _OF_NAMES
-    ]
-    for name in likely:
-        labels = np.asarray(reader_of(log).read_arrays(log, [name])[name])
-        if labels.dtype.kind not in "US" or labels.size != len(joints):
+    reader = reader_of(log)
+    labels = getattr(reader, "labels", None)
+    for name in names:
+        said = words(name.replace("/", ".").rpartition(".")[2])
+        if len(joints) < 2 or not {"name", "names"} & said or not said <= _OF_NAMES:
             continue
-        found = tuple(map(str, labels.reshape(-1).astype(str)))
+        if labels is not None:
+            found = tuple(labels(log, name))
+        else:
+            text = np.asarray(reader.read_arrays(log, [name])[name])
+            found = tuple(map(str, text.reshape(-1))) if text.dtype.kind == "U" else ()
+        if len(found) != len(joints):
+            continue
         if set(found) != set(joints):
             raise RecordingError(
                 f"{log}: {name} names other joints.{mapping_advice(found, joints)}",

@@ -487,3 +487,24 @@ def test_a_joint_of_one_letter_is_not_found_within_a_word(tmp_path):
 def test_greek_letters_are_words(tmp_path):
     found = guessed(tmp_path, ["time", "θ_x", "θ_y", "τ_x", "τ_y"], AXES).columns
     assert (found.position, found.torque) == ("θ_{joint}", "τ_{joint}")
+
+
+@pytest.mark.parametrize(
+    ("position", "torque", "other"),
+    [
+        ("q_meas_{}", "tau_meas_{}", ("q_sim_{}", "tau_ff_{}")),
+        ("q_real_{}", "tau_real_{}", ("q_sim_{}", "tau_sim_{}")),
+        ("q_{}", "tau_{}", ("q_max_{}", "tau_model_{}")),
+        ("joint_pos{}", "torque{}", ("motor_pos{}", "torque_nominal{}")),
+        (
+            "A{} Winkel Ist",
+            "A{} Drehmoment",
+            ("A{} Winkel Soll", "A{} Drehmoment Soll"),
+        ),
+    ],
+)
+def test_measured_columns_are_read_before_others(tmp_path, position, torque, other):
+    names = ["time", *numbered(*other, position, torque)]
+    found = guessed(tmp_path, names).columns
+    assert found.position == position.format("{number}")
+    assert found.torque == torque.format("{number}")

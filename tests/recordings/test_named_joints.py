@@ -3,12 +3,16 @@
 import json
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from pyarrow.feather import write_feather
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.log_formats import log_format
-from consistent_id.recordings.readers import read_recording
+from consistent_id.recordings.readers import Columns, read_recording
+from consistent_id.recordings.readers.recording_file import column_names
 
 JOINTS = ("shoulder", "elbow")
 OTHER = ["elbow", "shoulder"]  # ROS sorts names
@@ -84,6 +88,47 @@ def test_arrays_beside_their_names(tmp_path):
     plain.write_text(json.dumps(lists))
     assert_is_read(npz)
     assert_is_read(plain)
+
+
+def test_lists_in_cells_beside_their_names(tmp_path):
+    file = tmp_path / "log.csv"
+    frame = {"time": TIME, "name": [OTHER] * len(TIME)}
+    frame |= {"position": POSITION[:, ::-1], "effort": TORQUE[:, ::-1]}
+    lines = [
+        ",".join(f'"{np.asarray(frame[n][k]).tolist()}"' for n in frame)
+        for k in range(len(TIME))
+    ]
+    gripper = '"9.0","[\'left\', \'right\']","[1.0, 2.0]","[3.0, 4.0]"'
+    file.write_text("\n".join([",".join(frame), *lines[:5], gripper, *lines[5:]]))
+    assert column_names(file)[-4:] == (
+        *(f"position.{joint}" for joint in OTHER),
+        *(f"effort.{joint}" for joint in OTHER),
+    )
+    log = read_recording(
+        file,
+        JOINTS,
+        Columns("time", "position.{joint}", torque="effort.{joint}"),
+    )
+    np.testing.assert_allclose(log.position, POSITION)
+    np.testing.assert_allclose(log.torque, TORQUE)
+
+
+@pytest.mark.parametrize("group", ["", "run/"])
+def test_datasets_beside_their_names(tmp_path, group):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        for name, values in arrays(np.array(OTHER, dtype="S")).items():
+            file[group + name] = values
+    assert_is_read(tmp_path / "log.h5")
+
+
+@pytest.mark.parametrize("kind", ["parquet", "feather"])
+def test_columns_of_lists_beside_their_names(tmp_path, kind):
+    lists = arrays([OTHER] * len(TIME))
+    table = pa.table({name: list(values) for name, values in lists.items()})
+    file = tmp_path / f"log.{kind}"
+    {"parquet": pq.write_table, "feather": write_feather}[kind](table, file)
+    assert_is_read(file)
 
 
 def test_other_names_are_mapped_by_the_option_that_the_message_names(tmp_path):

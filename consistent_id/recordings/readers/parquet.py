@@ -58,6 +58,20 @@ def apart(time: np.ndarray, episodes: np.ndarray) -> np.ndarray:
     return np.asarray(time + np.cumsum(late))
 
 
+def labels(path: Path, name: str) -> tuple[str, ...]:
+    """Return the texts in the list of a column's first row; none of other columns."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path) as file:
+            first = next(file.iter_batches(1, columns=[name]), None)
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
+        raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
+    (value,) = first[0].to_pylist()[:1] if first is not None else [None]
+    return tuple(map(str, value)) if isinstance(value, list) else ()
+
+
 def read_columns(path: Path, names: Sequence[str]) -> Arrays:
     """Return the named columns as they are stored; see `read_arrays`."""
     import pyarrow as pa
