@@ -498,3 +498,12 @@ def test_dates_of_two_orders_are_refused(tmp_path):
 def test_the_year_may_come_first_beside_slashes(tmp_path):
     file = dated(tmp_path, "2026/04/13 23:59:59.5", "2026/04/14 00:00:00")
     assert np.diff(csv.read_arrays(file, ["time"])["time"]).tolist() == [0.5]
+
+
+def test_a_broken_last_row_is_left_out_by_the_option_that_is_named(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time,q_a\n0,1\n1,3\n2,5\n3")
+    columns = Columns(position="q_{joint}")
+    with pytest.raises(RecordingError, match="1 fields, the header has 2") as refused:
+        read_recording(file, ["a"], columns)
+    assert refused.value.options == "--omit 4"

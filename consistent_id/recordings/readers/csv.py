@@ -454,13 +454,12 @@ def _exact(
             broken.append(place)
         rows.append(row)
     if broken:
+        advice = omit_advice(broken, len(rows))
         options = OMIT_MISSING * lacking
-        if broken == [1] and first.endswith(_OF_SI):
-            options = "--omit 1"
-        raise RecordingError(
-            f"{first}{omit_advice(broken, len(rows))}{MISSING_ADVICE * lacking}",
-            options=options,
-        )
+        if advice and not lacking and (1 not in broken or first.endswith(_OF_SI)):
+            options = f"--omit {','.join(map(str, broken))}"
+        said = f"{first}{advice}{MISSING_ADVICE * lacking}"
+        raise RecordingError(said, options=options)
     if not rows:
         raise RecordingError(f"{path}: no row below the header")
     return np.array(rows, dtype=np.float64)
