@@ -105,7 +105,7 @@ def joint_column(names: Sequence[str], columns: Mapping[str, Sequence[str]]) -> 
     >>> joint_column(["t", "joint", "q"], cells | {"q": ["1", "2", "3", "4"]})
     'joint'
     """
-    found = [n for n in names if _may_name(n, names) and _names_rows(columns[n])]
+    found = [n for n in names if may_name(n, names) and _names_rows(columns[n])]
     if len(found) != 1 or len(set(columns[found[0]])) < _FEWEST:
         return ""
     (key,) = found
@@ -128,7 +128,8 @@ def _alternates(cells: Sequence[str]) -> bool:
     return bool(np.mean(each[1:] != each[:-1]) > _CHANGES)
 
 
-def _may_name(name: str, names: Sequence[str]) -> bool:
+def may_name(name: str, names: Sequence[str]) -> bool:
+    """Return whether a column of this name may name joints or signals."""
     said = words(name)
     if not said or not said <= _JOINT | _NUMBER | _SIGNAL:
         return False
@@ -332,7 +333,7 @@ def _interpolated(
 def may_be_long(text: str) -> bool:
     """Return whether a text may be a long table, by its header and first rows."""
     table = _split(text)
-    likely = [name for name in table.names if _may_name(name, table.names)]
+    likely = [name for name in table.names if may_name(name, table.names)]
     if not likely or len(set(table.names)) < len(table.names):
         return False
     rows = [row for row, _ in zip(table.rows, range(_HEAD), strict=False)]
