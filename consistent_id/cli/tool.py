@@ -295,6 +295,9 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
     if not words:
         parser.exit(2, parser.format_help())
     options, unknown = parser.parse_known_args(words)
+    if unknown and not any(word.startswith("-") for word in unknown):
+        words = _in_one_row(words, unknown, parser, wanted)
+        options, unknown = parser.parse_known_args(words)
     if unknown:
         (commands,) = cast(Any, parser)._subparsers._group_actions
         known = list(commands.choices[wanted]._option_string_actions)
@@ -306,6 +309,30 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
         commands.choices[wanted].error(f"{what} {first}{hint}")
     options.words = tuple(words)
     return options
+
+
+def _in_one_row(
+    words: Sequence[str],
+    late: Sequence[str],
+    parser: argparse.ArgumentParser,
+    wanted: str,
+) -> list[str]:
+    """Return words with files that follow an option moved behind the first ones.
+
+    argparse takes files in one row alone: of ``robot.urdf --no-select log.csv``, only
+    the first.
+    """
+    rest = list(words)
+    for word in late:
+        del rest[len(rest) - 1 - rest[::-1].index(word)]
+    options, _ = parser.parse_known_args(rest)
+    (commands,) = cast(Any, parser)._subparsers._group_actions
+    given = list[str]()
+    for action in commands.choices[wanted]._get_positional_actions():
+        value = getattr(options, action.dest, None)
+        given += map(str, value if isinstance(value, list) else [value])
+    last = max((rest.index(word) for word in given if word in rest), default=0)
+    return [*rest[: last + 1], *late, *rest[last + 1 :]]
 
 
 class _Parser(argparse.ArgumentParser):

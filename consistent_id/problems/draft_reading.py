@@ -14,7 +14,13 @@ import numpy as np
 
 from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
-from consistent_id.problems.draft_rows import SHARE, Clock, Split, clock_of, split_logs
+from consistent_id.problems.draft_rows import (
+    SHARE,
+    Clock,
+    Split,
+    clock_with,
+    split_logs,
+)
 from consistent_id.problems.given_logs import GivenLogs
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.overrides import StatedDrive, stated_drive
@@ -57,7 +63,8 @@ class DraftReading(NamedTuple):
     """Training logs by file: as recorded, with torque, and their rows in motion.
 
     `late` is the delay of a velocity that is not read for that reason, and `early` the
-    time [s] by which the position is ahead of the other channels.
+    time [s] by which the position is ahead of the other channels.  `held_out` are the
+    logs for validation; nothing but their clocks, gaps and missing values is used.
     """
 
     logs: RobotLogs
@@ -67,6 +74,7 @@ class DraftReading(NamedTuple):
     split: Split
     late: Delay | None
     early: float
+    held_out: dict[Path, Recording]
 
 
 def read_draft_logs(
@@ -76,7 +84,9 @@ def read_draft_logs(
 
     If the position is stated to be early, the velocity is not late.
     """
-    logs, read = read_logs(logs, given.training)
+    logs, every = read_logs(logs, [*given.training, *given.validation])
+    read = {file: every[file] for file in given.training}
+    held_out = {file: every[file] for file in given.validation}
     late = None
     if early:
         note = (
@@ -87,11 +97,14 @@ def read_draft_logs(
     elif logs.stated.velocity is None:
         logs, late = on_time(_filled(logs, read.values()), read.values())
         if logs.columns.velocity is None:
-            read = {file: replace(raw, velocity=None) for file, raw in read.items()}
+            read, held_out = (
+                {file: replace(raw, velocity=None) for file, raw in some.items()}
+                for some in (read, held_out)
+            )
     raws = {file: with_torque(raw, logs.stated.gains) for file, raw in read.items()}
-    clock = clock_of(list(raws.values()), logs.stated.max_gap)
+    clock = clock_with([*raws.values()], [*held_out.values()], logs.stated.max_gap)
     split = split_logs(raws, clock, logs.stated, whole=bool(given.validation))
-    return DraftReading(logs, read, raws, clock, split, late, early)
+    return DraftReading(logs, read, raws, clock, split, late, early, held_out)
 
 
 def _filled(logs: RobotLogs, training: Iterable[Recording]) -> RobotLogs:

@@ -134,6 +134,24 @@ def _training(raw: Recording, duration: float) -> float:
     return period * min(max(round(_TRAINING * whole), 1), whole - 1)
 
 
+def clock_with(
+    training: Sequence[Recording],
+    held_out: Sequence[Recording],
+    longest: float | None = None,
+) -> Clock:
+    """Return the settings for uniform clocks of training logs, and of held-out ones.
+
+    Raises
+    ------
+    RecordingError
+        If one uniform rate does not fit all logs that need one.
+    """
+    own = clock_of(training, longest)
+    if own.resample is None and not all(map(is_uniform, held_out)):
+        return clock_of([*training, *held_out], longest)
+    return own._replace(max_gap=_longest_gap([*training, *held_out], longest))
+
+
 def clock_of(raws: Sequence[Recording], longest: float | None = None) -> Clock:
     """Return the settings for uniform clocks, with the longest gap if it is stated.
 
@@ -143,12 +161,7 @@ def clock_of(raws: Sequence[Recording], longest: float | None = None) -> Clock:
         If one uniform rate does not fit all.
     """
     rates = [own_rate(raw) for raw in raws]
-    steps = [
-        float(np.diff(raw.time).max()) * rate
-        for raw, rate in zip(raws, rates, strict=True)
-    ]
-    max_gap = float(f"{_GAP / min(rates):.3g}") if max(steps) > _GAP else None
-    max_gap = max_gap if longest is None else longest
+    max_gap = _longest_gap(raws, longest)
     if all(is_uniform(raw) for raw in raws):
         return Clock(None, max_gap)
     if max(rates) > _ALIKE * min(rates):
@@ -160,6 +173,16 @@ def clock_of(raws: Sequence[Recording], longest: float | None = None) -> Clock:
             f"one: {seen}. Resample the faster ones first"
         )
     return Clock(float(f"{min(rates):.4g}"), max_gap)
+
+
+def _longest_gap(raws: Sequence[Recording], longest: float | None) -> float | None:
+    """Return the longest gap that is no cut [s]; None if no log has a gap."""
+    if longest is not None:
+        return longest
+    rates = [own_rate(raw) for raw in raws]
+    each = zip(raws, rates, strict=True)
+    steps = [float(np.diff(raw.time).max()) * rate for raw, rate in each]
+    return float(f"{_GAP / min(rates):.3g}") if max(steps) > _GAP else None
 
 
 def moving_rows(

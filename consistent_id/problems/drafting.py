@@ -79,7 +79,7 @@ def draft_problem(
     stated
         The user's statements, by the fields of `Statement`, such as
         ``torque="current{number}", masses="free"``; all other settings are found or
-        selected.  Logs for `validation` have the same forms as `log`; they are read
+        selected.  Logs for `validation` have the same forms as `log`; they are used
         after the selection.  If bodies are the model's, no masses are selected; if the
         base floats, neither masses nor a model: bodies behind the base are those of the
         model.
@@ -130,6 +130,7 @@ def drafted(
         columns = replace(logs.columns, velocity=None)
         logs = replace(logs, columns=columns, notes=(*logs.notes, note))
         reading = read_draft_logs(logs, given)
+    stated = replace(stated, missing=reading.logs.stated.missing)
     draft = _draft_of(reading, model, stated, progress)
     if reading.late is not None and _torque_as_late(draft, reading.late):
         both = read_draft_logs(logs, given, early=_rounded(reading.late.seconds))
@@ -137,7 +138,7 @@ def drafted(
             other = _draft_of(both, model, stated, progress)
             if not _torque_as_late(other, reading.late):
                 reading, draft = both, other
-    return _with_validation(draft, given.validation, reading)
+    return _with_validation(draft, reading)
 
 
 def _logs_of(model: Path, given: GivenLogs, stated: Statement) -> RobotLogs:
@@ -277,16 +278,13 @@ def _plain_cutoff(
     return draft_cutoff(model, reading.split.training, reading.clock)
 
 
-def _with_validation(
-    draft: Draft, held_out: Sequence[Path], reading: DraftReading
-) -> Draft:
-    """Return a draft with logs for validation, read after its model is chosen."""
-    logs, raws, entries = reading.logs, dict(draft.raw), list(draft.recordings)
-    for file in held_out:
-        raws[file] = logs.read(file)
-        raw = with_torque(raws[file], logs.stated.gains)
-        rows = moving_rows(raw, file, reading.clock, logs.stated)
+def _with_validation(draft: Draft, reading: DraftReading) -> Draft:
+    """Return a draft with logs for validation, which are used when all is chosen."""
+    stated, entries = reading.logs.stated, list(draft.recordings)
+    for file, raw in reading.held_out.items():
+        rows = moving_rows(with_torque(raw, stated.gains), file, reading.clock, stated)
         entries.append(DraftRecording(file, "validation", rows))
+    raws = {**draft.raw, **reading.held_out}
     return replace(draft, raw=raws, recordings=tuple(entries))
 
 

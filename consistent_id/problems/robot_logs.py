@@ -33,7 +33,6 @@ from consistent_id.recordings.column_guess import (
     ColumnGuess,
     KnownColumns,
     guess_columns,
-    require_torque,
 )
 from consistent_id.recordings.column_words import (
     WrenchNames,
@@ -41,6 +40,7 @@ from consistent_id.recordings.column_words import (
     wrench_names,
 )
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
+from consistent_id.recordings.mixed_columns import require_torque
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
 from consistent_id.recordings.readers.columns import wanted
 from consistent_id.recordings.readers.data_frames import ColumnTable, table_names
@@ -62,6 +62,7 @@ _NO_GAINS = (
     "its columns with"
 )
 _MOST_REMEDIES = 4
+_MOST_LOST = 0.2  # share of a log's rows that lack the velocity, and are left out
 _WHOLE = 0.8  # of a turn: a jump by a whole one
 _STEADY = 1.0  # rad, between samples that do not jump
 _CHANNELS = ("time", "position", "velocity", "torque", "position_command")
@@ -118,7 +119,10 @@ class RobotLogs:
 def read_logs(
     logs: RobotLogs, files: Sequence[Path]
 ) -> tuple[RobotLogs, dict[Path, Recording]]:
-    """Read logs; without their velocity if a joint has no value of it at all.
+    """Read logs of whose values only some of the velocity may be missing.
+
+    Rows that lack it are left out; if these are many, or a joint has no velocity at
+    all, it is not read.
 
     Raises
     ------
@@ -130,26 +134,42 @@ def read_logs(
     except RecordingError:
         if logs.columns.velocity is None or logs.stated.velocity is not None:
             raise
-        empty = _without_velocity(logs, files)
-        if empty is None:
+        bare = replace(logs, columns=replace(logs.columns, velocity=None))
+        without = {file: bare.read(file) for file in files}
+        if (found := _with_less_velocity(logs, without)) is None:
             raise
-    note = f"{empty}: it is not read, and positions are differentiated"
-    columns = replace(logs.columns, velocity=None)
-    bare = replace(logs, columns=columns, notes=(*logs.notes, note))
-    return bare, {file: bare.read(file) for file in files}
+    return found
 
 
-def _without_velocity(logs: RobotLogs, files: Sequence[Path]) -> str | None:
-    """Return the sentence on a velocity without any value; None if there is none."""
-    lenient = replace(logs, stated=replace(logs.stated, missing="omit"))
-    for file in files:
-        try:
-            lenient.read(file)
-        except NoValueError as cause:
-            return cause.said if cause.channel == "velocity" else None
-        except RecordingError:
+def _with_less_velocity(
+    logs: RobotLogs, without: dict[Path, Recording]
+) -> tuple[RobotLogs, dict[Path, Recording]] | None:
+    """Read logs without the rows that lack only the velocity, or without it.
+
+    Parameters
+    ----------
+    without : dict of Path to Recording
+        The logs without the velocity.
+    """
+    some = replace(logs, stated=replace(logs.stated, missing="omit"))
+    try:
+        read = {file: some.read(file) for file in without}
+    except NoValueError as cause:
+        if cause.channel != "velocity":
             return None
-    return None
+        said = cause.said
+    except RecordingError:
+        return None
+    else:
+        lost = {file: len(raw) - len(read[file]) for file, raw in without.items()}
+        most = max(lost, key=lambda file: lost[file] / len(without[file]))
+        said = f"{most.name}: the velocity is missing in {lost[most]} rows"
+        if lost[most] <= _MOST_LOST * len(without[most]):
+            note = f"{said}, which are left out"
+            return replace(some, notes=(*logs.notes, note)), read
+    note = f"{said}: it is not read, and positions are differentiated"
+    columns = replace(logs.columns, velocity=None)
+    return replace(logs, columns=columns, notes=(*logs.notes, note)), without
 
 
 def robot_logs(

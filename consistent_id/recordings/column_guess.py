@@ -19,34 +19,37 @@ from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.column_names import (
     NamePattern,
     NumberedColumns,
-    columns_of_pattern,
     mapping_advice,
     mapping_option,
     name_patterns,
     numbered_columns,
     own_names,
-    require_one_torque,
     shown,
 )
 from consistent_id.recordings.column_words import (
     CHANNELS,
     channel_of,
     is_bare,
-    is_current,
     says_nothing,
     unit_of,
     words,
 )
 from consistent_id.recordings.log_formats import has_no_arrays, log_format
+from consistent_id.recordings.mixed_columns import (
+    mixed_patterns,
+    require_one_torque,
+    rivals,
+)
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
-from consistent_id.recordings.readers.units import (
-    KNOWN,
-    Units,
-)
+from consistent_id.recordings.readers.units import KNOWN, SI, Units, listed_names
 from consistent_id.recordings.recording import COMMANDS
-from consistent_id.recordings.unnamed_columns import clock_column, without_names
+from consistent_id.recordings.unnamed_columns import (
+    array_order,
+    clock_column,
+    without_names,
+)
 from consistent_id.robot.parameters import did_you_mean
 
 _WITHOUT_TORQUE = (
@@ -203,16 +206,13 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     for channel in ("position", "velocity", known.effort):
         if channel in known.channels:
             continue
-        patterns = [
-            pattern
-            for pattern in _candidates(channel, names, moved, known)
-            if not (flat and pattern.is_array)
-        ]
+        patterns = _candidates(channel, names, moved, known)
+        patterns = [p for p in patterns if not (flat and p.is_array)]
         if in_file:
             patterns = _with_motion(log, patterns, len(moved))
+        if not patterns and channel == "velocity":
+            continue
         if not patterns:
-            if channel == "velocity":
-                continue
             where = joints if channel == "position" else moved
             raise _not_found(log, channel, names, where, known)
         best, *others = patterns
@@ -227,10 +227,15 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         if best.units:
             each = map(" in ".join, zip(best.joints, best.units, strict=True))
             notes.append(f"{channel} is read from {best.text}: {', '.join(each)}")
+        if len(each_name := listed_names(best.text)) > 1:
+            notes.append(f"{channel} is read from {', '.join(each_name)}")
         if channel == "position" and is_bare(best.text):
             notes.append(f"{best.text} is taken as the position: no other column is")
-        if also := _rivals(best, others):
+        if also := rivals(best, others):
             notes.append(f"{channel} is read from {best.text}, not from {also}")
+    if in_file and found.array_joints and known.arrays is None:
+        order = array_order(log, names, tuple(found.array_joints))
+        found = replace(found, array_joints=order)
     return ColumnGuess(found, moved, tuple(notes))
 
 
@@ -249,8 +254,8 @@ def _of_messages(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     if chosen.others:
         others = ", ".join(chosen.others)
         notes.append(f"joint states are read from {chosen.name}, not from {others}")
-    without = "torque" not in known.channels and "effort" not in chosen.fields
-    if without and not known.torque_joints:
+    has_torque = "torque" in known.channels or "effort" in chosen.fields
+    if not has_torque and not known.torque_joints:
         raise RecordingError(
             f"{log}: topic {chosen.name} has no effort of {shown(named)}. "
             f"{_WITHOUT_TORQUE} --torque-joints JOINT ... if it has that of some joints"
@@ -262,13 +267,6 @@ def _of_messages(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     return ColumnGuess(found, named, tuple(notes), topic)
 
 
-def _rivals(best: NamePattern, others: Sequence[NamePattern]) -> str:
-    """Return the patterns of other columns for the same joints."""
-    mine = columns_of_pattern(best)
-    alike = [p for p in others if len(p.joints) == len(best.joints)]
-    return ", ".join(p.text for p in alike if columns_of_pattern(p) != mine)
-
-
 def _in_units(guess: ColumnGuess) -> ColumnGuess:
     """Add the units that the columns' names state, where none was given."""
     columns, notes = guess.columns, list(guess.notes)
@@ -276,34 +274,14 @@ def _in_units(guess: ColumnGuess) -> ColumnGuess:
         name = getattr(columns, channel)
         if name is None or channel in columns.units:
             continue
-        unit = unit_of(channel, name)
-        if unit in KNOWN[channel]:
+        units = [unit_of(channel, one) for one in listed_names(name)]
+        if len(set(units)) > 1:
+            each = tuple(unit or SI[channel] for unit in units)
+            columns = replace(columns, units={**columns.units, channel: each})
+        elif (unit := units[0]) in KNOWN[channel]:
             columns = replace(columns, units={**columns.units, channel: unit})
             notes.append(f"{channel} is in {unit}, according to {name}")
     return replace(guess, columns=columns, notes=tuple(notes))
-
-
-def require_torque(pattern: str | None, torque_gain: Sequence[float]) -> None:
-    """Refuse motor currents as torque without a gain.
-
-    Parameters
-    ----------
-    pattern : str, optional
-        Name of the torque's columns.
-    torque_gain : sequence of float
-        The given gain; empty if there is none.
-
-    Raises
-    ------
-    RecordingError
-        If the name says current and not torque, and there is no gain.
-    """
-    if is_current(pattern or "") and not len(torque_gain):
-        raise RecordingError(
-            f"torque is read from {pattern}, whose name denotes a current, without a "
-            f"gain. Give the N m per ampere of each joint, gear ratio included: "
-            "--torque-gain (torque_gain); 1 if these columns are torques in N m"
-        )
 
 
 def _with(columns: Columns, channel: str, pattern: NamePattern) -> Columns:
@@ -350,10 +328,13 @@ def _candidates(
     """Return candidates for a channel of the moving joints, the best first."""
     patterns = name_patterns(channel, names, moved, known.all_joints)
     if channel == "torque" and not patterns and known.currents:
-        patterns = name_patterns("current", names, moved, known.all_joints)
-    if channel == "torque" and not patterns:
-        forces = name_patterns("force", names, moved, known.all_joints)
-        return [pattern for pattern in forces if known.sliding >= {*pattern.joints}]
+        if currents := name_patterns("current", names, moved, known.all_joints):
+            return currents
+    wanted = {*((channel == "torque" and known.torque_joints) or moved)}
+    if not patterns or not wanted <= {*patterns[0].joints}:
+        patterns = mixed_patterns(
+            channel, names, patterns, moved, known.all_joints, known.sliding
+        )
     if channel in ("velocity", "position_command"):
         return [pattern for pattern in patterns if pattern.joints == moved]
     return patterns

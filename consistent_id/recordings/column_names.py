@@ -13,9 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import zip_longest
 from operator import eq
-from pathlib import Path
 
-from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_words import (
     channel_of,
     is_bare,
@@ -24,7 +22,7 @@ from consistent_id.recordings.column_words import (
     states,
     words,
 )
-from consistent_id.recordings.readers.units import is_unit
+from consistent_id.recordings.readers.units import is_unit, listed_names
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,6 +315,34 @@ class NamePattern:
     units: tuple[str, ...] = ()
 
 
+_OF_A_JOINT = {"measured", "meas", "msr", "mes", "actual", "act", "real", "ist"}
+_DOUBTFUL = {
+    "sim",
+    "simulated",
+    "model",
+    "nominal",
+    "ff",
+    "feedforward",
+    "set",
+    "rated",
+}
+_DOUBTFUL |= {"max", "min", "est", "estimated", "offset", "bias", "friction", "prev"}
+_OF_A_MOTOR = {"motor", "rotor"}  # before the gear
+
+
+def doubt(channel: str, pattern: str) -> int:
+    """Return a rank of patterns of one channel: measured, plain, of something else.
+
+    Examples
+    --------
+    >>> [doubt("torque", f"tau_{word}") for word in ("meas", "{joint}", "sim")]
+    [0, 1, 2]
+    """
+    said = words(pattern)
+    moved = channel != "torque" and said & _OF_A_MOTOR
+    return 2 if moved or said & _DOUBTFUL else 0 if said & _OF_A_JOINT else 1
+
+
 def name_patterns(
     channel: str,
     names: Sequence[str],
@@ -368,13 +394,20 @@ def _name_patterns(
     return tuple(
         sorted(
             fitting,
-            key=lambda p: (-len(p.joints), "{joint}" not in p.text, len(p.text)),
+            key=lambda p: (
+                -len(p.joints),
+                doubt(channel, p.text),
+                "{joint}" not in p.text,
+                len(p.text),
+            ),
         )
     )
 
 
 def columns_of_pattern(pattern: NamePattern) -> list[str]:
     """Return the log's names of a pattern."""
+    if len(each := listed_names(pattern.text)) > 1:
+        return list(each)
     own = {joint: name for name, joint in pattern.names}
     return [
         pattern.text.format(joint=own.get(joint, joint), number=number, unit=unit)
@@ -426,51 +459,3 @@ def _pattern_by_number(
         return NamePattern(f"{run.before}{{number}}{run.after}", tuple(joints))
     pairs = tuple((str(run.first + every.index(joint)), joint) for joint in joints)
     return NamePattern(f"{run.before}{{joint}}{run.after}", tuple(joints), pairs)
-
-
-def require_one_torque(
-    log: Path,
-    best: NamePattern,
-    others: Sequence[NamePattern],
-    moved: Sequence[str],
-    names: Sequence[str],
-) -> None:
-    """Refuse a log whose torques are named in two ways, of which one would be left out.
-
-    Parameters
-    ----------
-    best : NamePattern
-        Of the torque of some joints.
-    others : sequence of NamePattern
-        Further patterns of torque.
-    moved : sequence of str
-        The joints of which the log has positions.
-    names : sequence of str
-        Columns of the log; a name of a joint with the word force may be that of one
-        that slides.
-
-    Raises
-    ------
-    RecordingError
-        If another pattern or name may hold the torque of further joints.
-    """
-    left = [joint for joint in moved if joint not in best.joints]
-    there = {
-        joint: pattern.text
-        for pattern in reversed(others)
-        for joint in left
-        if joint in pattern.joints
-    } or {
-        joint: name
-        for joint in left
-        for name in names
-        if joint in name and {"force", "forces"} & words(name.replace(joint, "{joint}"))
-    }
-    if there:
-        where = ", ".join(dict.fromkeys(there.values()))
-        raise RecordingError(
-            f"{log}: torque of {shown(best.joints)} is in {best.text}, that of "
-            f"{shown(list(there))} may be in {where}. "
-            "Name them alike, without units; or, if only the first is one: "
-            f"--torque-joints {' '.join(best.joints)}"
-        )

@@ -25,17 +25,17 @@ _WORDS = {
     channel: tuple(frozenset(phrase.split()) for phrase in phrases.split(", "))
     for channel, phrases in {
         "position": "q, pos, position, positions, ang, angle, angles, theta, qpos, "
-        "jpos, observation state, axis act, feedback joints",
+        "jpos, observation state, axis act, feedback joints, winkel",
         "velocity": "dq, qd, qdot, vel, velocity, velocities, speed, speeds, dtheta, "
-        "thetadot, qvel, jvel",
+        "thetadot, qvel, jvel, geschwindigkeit",
         "torque": "tau, trq, torq, torque, torques, moment, moments, eff, effort, "
-        "efforts, jts, qfrc actuator, actuator force",
+        "efforts, jts, qfrc actuator, actuator force, drehmoment",
     }.items()
 }
 _CURRENT = {"current", "currents", "cur", "curr", "amp", "amps", "ampere", "amperes"}
 _CURRENT |= {"i", "iq"}
 _COMMANDED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
-_COMMANDED |= {"reference", "setpoint", "goal"}
+_COMMANDED |= {"reference", "setpoint", "goal", "soll"}
 _COMMANDS = {f"{short}{word}" for short in ("q", "pos", "p") for word in _COMMANDED}
 _COMMANDS |= {"aspos"}  # KUKA
 _COMMANDED |= {"d"}
@@ -88,7 +88,8 @@ _FLAG = {"contact", "contacts", "touch", "stance", "grounded", "footswitch"}
 _COMPONENTS = {"force", "forces", "torque", "torques", "wrench", "moment", "x", "y"}
 
 _FORCES = {"force", "forces", "frc"}  # of a sliding joint
-_BESIDE_FORCES = {"n", "kn", "newton", "newtons", "drive", "motor", "actuator", "state"}
+_BESIDE_FORCES = {"n", "kn", "k", "newton", "newtons"}
+_BESIDE_FORCES |= {"drive", "motor", "actuator", "state"}
 
 # Of a wrench sensor.
 _FORCE = r"(?P<force>f|force|forces)"
@@ -108,7 +109,7 @@ _NOT_OF_A_SENSOR = {"target", "desired", "des", "cmd", "command", "ref"}
 _NOT_OF_A_SENSOR |= {"joint", "contact"}
 
 
-_JOINT = re.compile(r"\{[^{}]*\}")
+_JOINT = re.compile(r"\{[^{},]*\}")
 _LETTERS = re.compile(r"[a-z]+")
 _GREEK = str.maketrans({"θ": "theta", "τ": "tau"})
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")

@@ -16,7 +16,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_names import shown
+from consistent_id.recordings.column_names import mapping_advice, mapping_option, shown
 from consistent_id.recordings.column_words import channel_of, words
 from consistent_id.recordings.readers.recording_file import reader_of
 from consistent_id.recordings.readers.units import (
@@ -31,6 +31,7 @@ from consistent_id.recordings.recording import unit_option
 _COUNTERS = {"seq", "index", "idx", "frame", "count", "counter", "sample", "samples"}
 _COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too
 _MOST_READ = 50  # columns that may be a clock
+_OF_NAMES = {"joint", "joints", "motor", "actuator", "dof", "name", "names"}
 _CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t", "ts", "zeit"}
 _UNEVEN = 20.0  # longest step over the median one, of a clock
 _REPEATED = 4  # most rows with one stamp
@@ -297,6 +298,40 @@ def _normalised(columns: Matrix) -> Matrix:
     scale = np.linalg.norm(centred, axis=0)
     moves = np.isfinite(scale) & (scale > 0.0)
     return np.where(moves, centred, 0.0) / np.where(moves, scale, 1.0)
+
+
+def array_order(
+    log: Path, names: Sequence[str], joints: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Return the joints of a log's arrays in the order of its array of joints' names.
+
+    As they are, if the log has no such array of text.
+
+    Raises
+    ------
+    RecordingError
+        If it names other joints; with the option that maps them.
+    """
+    reader = reader_of(log)
+    labels = getattr(reader, "labels", None)
+    for name in names:
+        said = words(name.replace("/", ".").rpartition(".")[2])
+        if len(joints) < 2 or not {"name", "names"} & said or not said <= _OF_NAMES:
+            continue
+        if labels is not None:
+            found = tuple(labels(log, name))
+        else:
+            text = np.asarray(reader.read_arrays(log, [name])[name])
+            found = tuple(map(str, text.reshape(-1))) if text.dtype.kind == "U" else ()
+        if len(found) != len(joints):
+            continue
+        if set(found) != set(joints):
+            raise RecordingError(
+                f"{log}: {name} names other joints.{mapping_advice(found, joints)}",
+                options=mapping_option(found, joints),
+            )
+        return found
+    return joints
 
 
 def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:

@@ -13,7 +13,7 @@ from schemas import parsed
 from shared_studies import no_study_shared, shared_within
 
 from consistent_id import ConsistentIdError, Estimate, Study, load_problem
-from consistent_id.cli import main
+from consistent_id.cli import main, tool
 
 RX60 = "problems/rx60"
 studies = shared_within("module")
@@ -163,6 +163,22 @@ def test_an_unknown_option_is_answered_with_the_nearest(capsys, words, said):
     shown = capsys.readouterr().err
     assert f"consistent-id check: there is no option {said}" in shown
     assert shown.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["robot.urdf", "--no-select", "a.csv", "b.csv"],
+        ["robot.urdf", "a.csv", "--no-select", "b.csv"],
+        ["--no-select", "robot.urdf", "--quiet", "a.csv", "b.csv"],
+        ["robot.urdf", "--torque", "tau{number}", "a.csv", "--no-select", "b.csv"],
+    ],
+)
+def test_logs_may_follow_an_option(words):
+    options = tool.parsed(["identify", *words])
+    files = [word for word in options.words if word.endswith((".urdf", ".csv"))]
+    assert files == ["robot.urdf", "a.csv", "b.csv"]
+    assert [str(log) for log in options.log] == ["a.csv", "b.csv"]
 
 
 def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(

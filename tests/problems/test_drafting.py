@@ -353,7 +353,7 @@ def test_of_other_files_the_columns_are_asked_for(tmp_path):
     "pattern", ["current{number}", "i_{joint}", "motor.amps.{joint}"]
 )
 def test_currents_without_a_gain_are_refused(pattern):
-    from consistent_id.recordings.column_guess import require_torque
+    from consistent_id.recordings.mixed_columns import require_torque
 
     with pytest.raises(RecordingError, match="--torque-gain"):
         require_torque(pattern, ())

@@ -133,17 +133,74 @@ def test_a_velocity_that_nobody_wrote_is_not_read(tmp_path, rate, said):
     assert np.allclose(training.velocity, slope, atol=0.05)
 
 
-@pytest.mark.parametrize(
-    ("cell", "option"), [("ERR", ""), ("nan", "--missing omit"), ("", "--missing omit")]
-)
-def test_one_faulty_velocity_does_not_drop_the_others(tmp_path, cell, option):
-    urdf, log = with_rates(tmp_path, 1.0)
+def with_true_rates(folder):
+    folder.mkdir(exist_ok=True)
+    position = np.loadtxt(write_arm(folder)[1], delimiter=",", skiprows=1)[:, 1:3]
+    return with_rates(folder, np.gradient(position, 1.0 / RATE, axis=0))
+
+
+def with_cell(log, row, cell):
+    """Write a cell in place of the last velocity of some rows of a log."""
     lines = log.read_text().splitlines()
-    lines[501] = ",".join([*lines[501].split(",")[:-1], cell])
+    for k in row:
+        lines[k] = ",".join([*lines[k].split(",")[:-1], cell])
     log.write_text("\n".join(lines))
-    with pytest.raises(RecordingError, match=r"row 501|velocity of joint") as refused:
+
+
+def test_a_faulty_velocity_is_refused(tmp_path):
+    urdf, log = with_rates(tmp_path, 1.0)
+    with_cell(log, [501], "ERR")
+    with pytest.raises(RecordingError, match="row 501"):
         draft_problem(urdf, log)
-    assert refused.value.options == option
+
+
+@pytest.mark.parametrize("cell", ["nan", ""])
+def test_rows_that_lack_the_velocity_alone_are_left_out(tmp_path, cell):
+    urdf, log = with_true_rates(tmp_path)
+    with_cell(log, range(501, 521), cell)
+    draft = draft_problem(urdf, log, select=False, cutoff=10.0)
+    said = "log.csv: the velocity is missing in 20 rows, which are left out"
+    assert said in draft.notes
+    file = tmp_path / "problem.toml"
+    file.write_text(draft.text(tmp_path))
+    assert 'missing = "omit"' in file.read_text()
+    assert len(load_problem(file).training) == 2  # the gap is cut
+
+
+def test_a_velocity_that_many_rows_lack_is_not_read(tmp_path):
+    urdf, log = with_rates(tmp_path, 1.0)
+    with_cell(log, range(501, 1501), "")
+    draft = draft_problem(urdf, log, select=False, cutoff=10.0)
+    assert draft.columns.velocity is None
+    assert "log.csv: the velocity is missing in 1000 rows: it is not read" in (
+        note.partition(", and")[0] for note in draft.notes
+    )
+
+
+@pytest.mark.parametrize("rows", [range(501, 541), range(1, 2401)])
+def test_a_velocity_that_the_held_out_log_lacks_does_not_stop_a_draft(tmp_path, rows):
+    urdf, log = with_true_rates(tmp_path)
+    _, held_out = with_true_rates(tmp_path / "other")
+    with_cell(held_out, rows, "nan")
+    held_out = held_out.rename(tmp_path / "held_out.csv")
+    draft = draft_problem(urdf, log, validation=held_out, select=False, cutoff=10.0)
+    whole = len(rows) == 2400
+    assert (draft.columns.velocity is None) == whole
+    assert any("held_out.csv" in note and "velocity" in note for note in draft.notes)
+    assert len(draft.problem().validation) == (1 if whole else 2)
+    assert len(draft.problem().training) == 1
+
+
+def test_a_gap_of_the_held_out_log_alone_is_cut(tmp_path):
+    (tmp_path / "other").mkdir()
+    urdf, log = write_arm(tmp_path)
+    _, held_out = write_arm(tmp_path / "other")
+    lines = held_out.read_text().splitlines()
+    del lines[501:541]
+    held_out.write_text("\n".join(lines))
+    draft = draft_problem(urdf, log, validation=held_out, select=False, cutoff=10.0)
+    problem = draft.problem()
+    assert (len(problem.training), len(problem.validation)) == (1, 2)
 
 
 def test_missing_values_of_a_velocity_that_the_user_names_are_refused(tmp_path):

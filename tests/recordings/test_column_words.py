@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from consistent_id import RecordingError, read_recording
+from consistent_id import RecordingError, read_recording, recording_from
 from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.column_words import channel_of
 
@@ -249,24 +249,52 @@ def test_commands_stand_for_torque_where_they_are_wanted(tmp_path, pattern, unit
     assert guessed(tmp_path, names).columns.position_command is None
 
 
-@pytest.mark.parametrize(
-    ("slides", "there"),
-    [
-        ("lift_effort [N]", r"{joint}_effort \[N\]"),
-        ("lift_force", "lift_force"),
-        ("lift_tau", "{joint}_tau"),
-    ],
-)
-def test_torques_that_are_named_in_two_ways_are_not_left_out(tmp_path, slides, there):
-    file, joints = tmp_path / "log.csv", ("turn", "tilt", "lift")
-    names = [f"{joint}_q" for joint in joints]
-    efforts = ["turn_effort [Nm]", "tilt_effort [Nm]"]
-    file.write_text(",".join(["time", *names, *efforts, slides]) + "\n")
-    said = rf"that of lift may be in {there}\. .* --torque-joints turn tilt$"
-    with pytest.raises(RecordingError, match=said):
-        guess_columns(file, KnownColumns(joints))
-    known = KnownColumns(joints, torque_joints=("turn", "tilt"))
-    assert guess_columns(file, known).columns.torque == "{joint}_effort [Nm]"
+TURNING = ["turn_effort [Nm]", "tilt_effort [Nm]"]
+
+
+def with_lift(folder, *names, **known):
+    joints = ("turn", "tilt", "lift")
+    every = ["time", *(f"{joint}_q" for joint in joints), *names]
+    return guessed(folder, every, joints, **known)
+
+
+@pytest.mark.parametrize("slides", ["lift_effort [N]", "lift_force [N]", "lift_tau"])
+def test_torques_whose_names_differ_by_word_and_unit_are_read_together(
+    tmp_path, slides
+):
+    found = with_lift(tmp_path, *TURNING, slides, sliding=frozenset(["lift"]))
+    listed = f"turn_effort [Nm],tilt_effort [Nm],{slides}"
+    assert found.columns.torque == f"{{{listed}}}"
+    assert f"torque is read from {listed.replace(',', ', ')}" in found.notes
+    assert found.columns.torque_joints == ()
+    values = {"time": [0.0, 1.0], "turn_q": [0, 0], "tilt_q": [0, 0], "lift_q": [0, 0]}
+    table = values | dict(zip(listed.split(","), np.ones((3, 2)), strict=True))
+    table[slides] = [3.0, 4.0]
+    log = recording_from(table, found.joints, found.columns)
+    np.testing.assert_allclose(log.torque, [[1.0, 1.0, 3.0], [1.0, 1.0, 4.0]])
+
+
+def test_columns_of_numbered_joints_whose_words_differ_are_read_together(tmp_path):
+    names = ["time", "J1 angle [deg]", "J2 angle [deg]", "J3 stroke position [mm]"]
+    names += ["J1 torque [Nm]", "J2 torque [Nm]", "J3 force [kN]"]
+    joints = ("turn", "tilt", "lift")
+    found = guessed(tmp_path, names, joints, sliding=frozenset(["lift"])).columns
+    assert found.position == "{" + ",".join(names[1:4]) + "}"
+    assert found.torque == "{" + ",".join(names[4:]) + "}"
+    table = dict(zip(names, np.array([[0.0, 1.0], *np.ones((6, 2))]), strict=True))
+    log = recording_from(table, joints, found)
+    np.testing.assert_allclose(log.position[0], [np.pi / 180, np.pi / 180, 1e-3])
+    np.testing.assert_allclose(log.torque[0], [1.0, 1.0, 1e3])
+
+
+def test_a_force_of_a_joint_that_turns_is_refused_beside_torques(tmp_path):
+    with pytest.raises(RecordingError) as refused:
+        with_lift(tmp_path, *TURNING, "lift_force")
+    listed = "'{turn_effort [Nm],tilt_effort [Nm],lift_force}'"
+    said = f"To read all: --torque {listed}; or, if only the first is one: "
+    assert str(refused.value).endswith(f"{said}--torque-joints turn tilt")
+    found = with_lift(tmp_path, *TURNING, "lift_tau", torque_joints=("turn", "tilt"))
+    assert found.columns.torque == "{joint}_effort [Nm]"
 
 
 def test_a_log_without_the_torque_of_a_joint_is_read(tmp_path):
@@ -423,7 +451,9 @@ def test_forces_of_sliding_joints_are_their_torque(tmp_path):
     names = [*MOVED, "x_force", "y_force"]
     found = guessed(tmp_path, names, AXES, sliding=frozenset(AXES))
     assert found.columns.torque == "{joint}_force"
-    with pytest.raises(RecordingError, match="found no column that is the torque"):
+    with pytest.raises(
+        RecordingError, match=r"torque of x is in \{joint\}_force, that"
+    ):
         guessed(tmp_path, names, AXES, sliding=frozenset("x"))  # the other turns
 
 
@@ -457,3 +487,24 @@ def test_a_joint_of_one_letter_is_not_found_within_a_word(tmp_path):
 def test_greek_letters_are_words(tmp_path):
     found = guessed(tmp_path, ["time", "θ_x", "θ_y", "τ_x", "τ_y"], AXES).columns
     assert (found.position, found.torque) == ("θ_{joint}", "τ_{joint}")
+
+
+@pytest.mark.parametrize(
+    ("position", "torque", "other"),
+    [
+        ("q_meas_{}", "tau_meas_{}", ("q_sim_{}", "tau_ff_{}")),
+        ("q_real_{}", "tau_real_{}", ("q_sim_{}", "tau_sim_{}")),
+        ("q_{}", "tau_{}", ("q_max_{}", "tau_model_{}")),
+        ("joint_pos{}", "torque{}", ("motor_pos{}", "torque_nominal{}")),
+        (
+            "A{} Winkel Ist",
+            "A{} Drehmoment",
+            ("A{} Winkel Soll", "A{} Drehmoment Soll"),
+        ),
+    ],
+)
+def test_measured_columns_are_read_before_others(tmp_path, position, torque, other):
+    names = ["time", *numbered(*other, position, torque)]
+    found = guessed(tmp_path, names).columns
+    assert found.position == position.format("{number}")
+    assert found.torque == torque.format("{number}")

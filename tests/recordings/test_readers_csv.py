@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers import Columns, csv, read_recording
 from consistent_id.recordings.readers.used_rows import UsedRows
 
@@ -410,13 +411,13 @@ def test_a_header_may_be_longer_than_a_field_of_the_csv_module(tmp_path, separat
 
 def test_a_row_of_units_is_left_out_by_the_option_that_is_named(tmp_path):
     file = tmp_path / "log.csv"
-    file.write_text("time,q_a,q_b\ns,rad,rad\n0,1,2\n1,3,4\n")
+    file.write_text("time,q_a\ns,rad\n0,1\n1,3\n")
     columns = Columns(position="q_{joint}")
     with pytest.raises(RecordingError, match=r"units \('s', 'rad'\)") as refused:
-        read_recording(file, ["a", "b"], columns)
+        read_recording(file, ["a"], columns)
     assert refused.value.options == "--omit 1"
-    log = read_recording(file, ["a", "b"], columns, omit=[1])
-    assert log.position.tolist() == [[1.0, 2.0], [3.0, 4.0]]
+    log = read_recording(file, ["a"], columns, omit=[1])
+    assert log.position.tolist() == [[1.0], [3.0]]
 
 
 @pytest.mark.parametrize(
@@ -459,3 +460,50 @@ def test_a_row_of_other_units_is_not_just_left_out(tmp_path):
     with pytest.raises(RecordingError, match="only if --units states them") as refused:
         read_recording(file, ["a"], Columns(position="q_{joint}"))
     assert refused.value.options == ""
+
+
+def dated(folder, *dates):
+    file = folder / "log.csv"
+    rows = [f"{date},{k}" for k, date in enumerate(dates)]
+    file.write_text("time,q1\n" + "\n".join(rows) + "\n")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("dates", "steps", "said"),
+    [
+        (["3/12/2026 23:59:59", "3/13/2026 0:00:00"], [1.0], ""),
+        (["12/4/2026 23:59:59", "13/4/2026 0:00:00"], [1.0], ""),
+        (["3/4/2026 23:59:59", "3/5/2026 0:00:00"], [1.0], "the month first"),
+        (["3/4/2026 23:59:59", "4/4/2026 0:00:00"], [1.0], "the day first"),
+        (["3/4/2026 10:00:00", "3/4/2026 10:00:02"], [2.0], "the month first"),
+    ],
+)
+def test_dates_with_slashes_have_one_order(tmp_path, dates, steps, said):
+    file = dated(tmp_path, *dates)
+    whole = csv.read_arrays(file, ["time"])["time"]
+    assert np.diff(whole).tolist() == steps
+    pieces = [piece["time"] for piece in csv.read_batches(file, ["time"], 0)]
+    assert np.concatenate(pieces).tolist() == whole.tolist()
+    notes = log_format(file).notes(file)
+    assert [said in note for note in notes] == [True] * bool(said)
+
+
+def test_dates_of_two_orders_are_refused(tmp_path):
+    file = dated(tmp_path, "13/4/2026 10:00:00", "4/13/2026 10:00:01")
+    with pytest.raises(RecordingError, match="'4/13/2026 10:00:01' is not a number"):
+        csv.read_arrays(file, ["time"])
+
+
+def test_the_year_may_come_first_beside_slashes(tmp_path):
+    file = dated(tmp_path, "2026/04/13 23:59:59.5", "2026/04/14 00:00:00")
+    assert np.diff(csv.read_arrays(file, ["time"])["time"]).tolist() == [0.5]
+
+
+def test_a_broken_last_row_is_left_out_by_the_option_that_is_named(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time,q_a\n0,1\n1,3\n2,5\n3")
+    columns = Columns(position="q_{joint}")
+    with pytest.raises(RecordingError, match="1 fields, the header has 2") as refused:
+        read_recording(file, ["a"], columns)
+    assert refused.value.options == "--omit 4"

@@ -164,3 +164,21 @@ def test_a_clock_of_two_columns_is_in_no_unit_of_its_own(tmp_path):
 def test_what_is_no_unit_of_torque_is_refused(said):
     with pytest.raises(RecordingError, match="no unit"):
         standard_unit("torque", said)
+
+
+@pytest.mark.parametrize(
+    ("channel", "name", "unit"),
+    [
+        ("position", "pos_deg_J{number}", "deg"),
+        ("position", "Angle (deg) Joint {number}", "deg"),
+        ("position", "position [deg].{joint}", "deg"),
+        ("position", "q_deg[{index}]", "deg"),
+        ("velocity", "vel_rpm_axis{number}", "rev/min"),
+        ("torque", "tau_mNm_J{number}", "mN m"),
+        ("torque", "{joint}_force [kN]", "kN"),
+        ("position", "q[{index}]", ""),
+        ("position", "pos_rad_J{number}", ""),
+    ],
+)
+def test_a_unit_may_stand_before_the_joint(channel, name, unit):
+    assert unit_of_a_name(channel, name) == unit

@@ -12,6 +12,7 @@ from consistent_id.recordings.readers.beside_columns import BesideColumns
 from consistent_id.recordings.readers.units import (
     Units,
     checked_units,
+    listed_names,
     refuse_units_of_a_name,
 )
 from consistent_id.recordings.recording import COMMANDS
@@ -28,9 +29,9 @@ class Columns:
 
     ``{joint}`` stands for a joint's name in the log, ``{number}`` for its number among
     the requested joints, counted from 1, and ``{index}`` for it from 0.  ``{8..13}``
-    stands for these numbers, one for each joint in their order, and ``{unit}`` for a
-    joint's unit, if `units` states one for each joint.  None: the log has no such
-    channel.
+    stands for these numbers, one for each joint in their order, ``{base,wrist}`` for
+    these words, and ``{unit}`` for a joint's unit, if `units` states one for each
+    joint.  None: the log has no such channel.
 
     Parameters
     ----------
@@ -232,6 +233,8 @@ def _places(columns: Columns, in_log: Sequence[str]) -> tuple[int, ...]:
 
 
 def _placeholders(pattern: str) -> set[str]:
+    if len(listed_names(pattern)) > 1:
+        return {"index"}
     pattern = _RANGE.sub("{index}", pattern)
     try:
         return {
@@ -246,8 +249,8 @@ def _expanded(
 ) -> tuple[str, ...]:
     refusal = (
         f"column pattern {pattern!r}: only {{joint}}, {{number}}, {{index}} and a "
-        "range such as {8..13} can stand in it, and {unit} with a unit stated for each "
-        "joint"
+        "range such as {8..13} or a list such as {base,wrist} can stand in it, and "
+        "{unit} with a unit stated for each joint"
     )
     each = units if not isinstance(units, str) and len(units) == len(joints) else None
     if each is not None and "{unit}" in pattern:
@@ -271,6 +274,13 @@ def _expanded(
             _expanded(single, [joint])[0]
             for single, joint in zip(singles, joints, strict=True)
         )
+    if len(each_name := listed_names(pattern)) > 1:
+        if len(each_name) != len(joints):
+            raise RecordingError(
+                f"column pattern {pattern!r} lists {len(each_name)} names, expected "
+                f"one for each of the {len(joints)} joints"
+            )
+        return each_name
     if not _placeholders(pattern) <= {"joint", "number", "index"}:
         raise RecordingError(refusal)
     try:

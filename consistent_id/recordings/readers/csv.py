@@ -7,11 +7,8 @@ Where it refuses them the csv module reads the file again, row by row: it knows 
 and the column of each fault.
 """
 
-import codecs
 import csv
 import io
-import re
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -24,6 +21,16 @@ import numpy as np
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
+from consistent_id.recordings.readers.header_lines import (
+    SI_WORDS,
+    header_note,
+    with_one_header,
+)
+from consistent_id.recordings.readers.long_tables import (
+    as_wide,
+    may_be_long,
+    order_of,
+)
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.parquet import numbers_of
 from consistent_id.recordings.readers.printed_messages import (
@@ -31,7 +38,10 @@ from consistent_id.recordings.readers.printed_messages import (
     is_printed,
     named_columns,
 )
+from consistent_id.recordings.readers.text_files import encoding_notes, encoding_of
 from consistent_id.recordings.readers.text_numbers import (
+    DateOrder,
+    date_order,
     decimal_mark,
     is_number,
     number,
@@ -46,15 +56,13 @@ from consistent_id.recordings.readers.used_rows import (
 
 _SEPARATORS = (",", ";", "\t")
 _SPACE = " "  # separates where no other mark does: names may contain spaces
+_HEAD = 2**14  # characters that show whether there are dates
 _PIECE = 2**22  # characters of text that are read at a time
-_UTF_16, _WINDOWS = "utf-16", "cp1252"
 _WITHOUT_NAMES = "column"
-_SI = {"s", "sec", "rad", "m", "rad/s", "m/s", "rad/s^2", "m/s^2", "nm", "n*m", "n"}
-_SI |= {"", "-", "1"}
+_SI = {*SI_WORDS, "", "-", "1"}
 _OF_SI = ": values are read in s, rad, m, N m and N"
 _NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
 _NOTHING = {"", "NA", "N/A", "NULL", "null", "None"}  # fields of missing values
-_CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +81,8 @@ class _CsvHeader:
         The same line as a header, if its numbers are taken as a row.
     repeated : str
         What each row has to contain: the names of the joints, of printed messages.
+    day_first : bool
+        Whether the day is first in dates with slashes.
     """
 
     names: tuple[str, ...]
@@ -82,6 +92,7 @@ class _CsvHeader:
     rows: int = 0
     worded: "_CsvHeader | None" = None
     repeated: str = ""
+    day_first: bool = False
 
 
 def read_arrays(
@@ -112,6 +123,8 @@ def read_arrays(
     with _readable(path):
         text = _text(path)
         header = _header(path, text, names)
+        if date_order(text[:_HEAD]) != DateOrder():
+            header = replace(header, day_first=date_order(text).day_first)
         rows = UsedRows(omit, missing=missing)
         values = _values(path, text[header.end :], header, names, rows)
     return dict(zip(names, values.T, strict=True))
@@ -132,6 +145,9 @@ def read_batches(
         for text in _pieces_of_lines(path):
             if header is None:
                 header = _header(path, text, names)
+                if date_order(text[:_HEAD]) != DateOrder():
+                    whole = date_order(_text(path))
+                    header = replace(header, day_first=whole.day_first)
                 text = text[header.end :]
             lines = text.count("\n")
             rows = lines + (not text.endswith("\n"))
@@ -159,35 +175,16 @@ def _readable(path: Path) -> Iterator[None]:
         raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
 
 
-def encoding_of(path: Path) -> str:
-    """Return the encoding of a text file.
-
-    UTF-16 begins with a mark.  Other text is Windows-1252, of which Latin-1 is a part:
-    only names and comments can differ, as numbers are ASCII.
-    """
-    with path.open("rb") as file:
-        first = file.read(_PIECE)
-    if first.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
-        return _UTF_16
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(first)
-    except UnicodeDecodeError:
-        text = first.decode(_WINDOWS, errors="replace")
-        if "\ufffd" not in text and not _CONTROLS.search(text):
-            return _WINDOWS
-    return "utf-8-sig"
-
-
 def notes(path: Path) -> tuple[str, ...]:
     """Return sentences on the encoding if it is not UTF-8, and on a missing header."""
-    said, encoding = [], encoding_of(path)
-    if encoding == _UTF_16:
-        said.append(f"{path.name} is UTF-16 text")
-    if encoding == _WINDOWS:
-        said.append(
-            f"{path.name} is not UTF-8, it is read as Latin-1 (Windows-1252): check "
-            "letters such as \N{DEGREE SIGN} in the names of columns"
-        )
+    head = _head(path)
+    said = [*encoding_notes(path), *header_note(head, path.name)]
+    if date_order(head[:_HEAD]) != DateOrder():
+        said += filter(None, [date_order(_text(path)).said])
+    if may_be_long(one := with_one_header(head)):
+        whole = one if len(head) < _PIECE else path.read_text(encoding_of(path))
+        if (order := order_of(with_one_header(whole))) is not None:
+            said.append(order.sentence(path.name))
     if lacks_names(names := array_names(path)):
         said.append(
             f"{path.name} has no header: its {len(names)} columns are called "
@@ -209,17 +206,27 @@ def lacks_names(names: Sequence[str]) -> bool:
 
 
 def _text(path: Path) -> str:
-    """Return the text of a file; printed messages as a table."""
+    """Return a file's text as a table: also printed messages and long tables."""
     text = path.read_bytes().decode(encoding_of(path))
-    return as_table(text) if is_printed(text) else text
+    if is_printed(text):
+        text = as_table(text)
+    return as_wide(with_one_header(text))
+
+
+def _head(path: Path) -> str:
+    """Return the first piece of a text as it is written."""
+    with path.open(encoding=encoding_of(path), newline="") as file:
+        return file.read(_PIECE)
 
 
 def _pieces_of_lines(path: Path) -> Iterator[str]:
-    """Yield a file's text in pieces of whole lines; printed messages as a table."""
+    """Yield a file's text in pieces of whole lines; others as `_text`."""
     rest, first = "", True
     with path.open(encoding=encoding_of(path), newline="") as file:
         while piece := file.read(_PIECE):
-            if first and is_printed(piece):
+            if first:
+                piece = with_one_header(piece)
+            if first and (is_printed(piece) or may_be_long(piece)):
                 yield _text(path)
                 return
             first = False
@@ -421,7 +428,7 @@ def _exact(
         skipinitialspace=True,
     )
     mark = "." if header.separator == "," else None
-    lenient = used.missing == "omit"
+    lenient, day_first = used.missing == "omit", header.day_first
     rows: list[list[float | None]] = []
     first, broken, lacking = "", list[int](), True
     for fields in filter(None, reader):
@@ -434,7 +441,7 @@ def _exact(
             cells = [fields[k] for k in places]
             mark = mark or decimal_mark(cells)
             row = [
-                nan if lenient and cell in _NOTHING else number(cell, mark)
+                nan if lenient and cell in _NOTHING else number(cell, mark, day_first)
                 for cell in cells
             ]
             if None in row:
@@ -447,13 +454,12 @@ def _exact(
             broken.append(place)
         rows.append(row)
     if broken:
+        advice = omit_advice(broken, len(rows))
         options = OMIT_MISSING * lacking
-        if broken == [1] and first.endswith(_OF_SI):
-            options = "--omit 1"
-        raise RecordingError(
-            f"{first}{omit_advice(broken, len(rows))}{MISSING_ADVICE * lacking}",
-            options=options,
-        )
+        if advice and not lacking and (1 not in broken or first.endswith(_OF_SI)):
+            options = f"--omit {','.join(map(str, broken))}"
+        said = f"{first}{advice}{MISSING_ADVICE * lacking}"
+        raise RecordingError(said, options=options)
     if not rows:
         raise RecordingError(f"{path}: no row below the header")
     return np.array(rows, dtype=np.float64)

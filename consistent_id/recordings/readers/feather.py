@@ -26,6 +26,13 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     return {name: numbers_of(table[name], f"{path}: column {name!r}") for name in names}
 
 
+def labels(path: Path, name: str) -> tuple[str, ...]:
+    """Return the texts in the list of a column's first row; none of other columns."""
+    first = _columns(path)[1][name][:1].to_pylist()
+    is_list = bool(first) and isinstance(first[0], list)
+    return tuple(map(str, first[0])) if is_list else ()
+
+
 def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Arrays]:
     """Yield the named columns from a row on, a batch of the file at a time.
 

@@ -21,6 +21,7 @@ _NUMBERS = (
 )
 
 _ROWS = 2**15  # samples of a batch
+_MOST_LABELS = 1000
 _LINKS = 64  # groups and links on the way to a dataset; logs have 2 or 3
 
 # Exceptions of h5py for files that are cut or overwritten.
@@ -47,6 +48,20 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
         If the file is not HDF5, or a path is missing or leads to something else.
     """
     return _datasets(path, {name: name for name in names})
+
+
+def labels(path: Path, name: str) -> tuple[str, ...]:
+    """Return the texts of a dataset; none of one that has no texts."""
+    import h5py
+
+    try:
+        with h5py.File(path) as file:
+            found = file[name]
+            if found.dtype.kind not in "SO" or found.size > _MOST_LABELS:
+                return ()
+            return tuple(map(str, found.asstr()[()].reshape(-1)))
+    except _UNREADABLE as cause:
+        raise RecordingError(f"{path}: {name} is not readable: {cause}") from None
 
 
 def array_units(path: Path, names: Sequence[str]) -> dict[str, str]:

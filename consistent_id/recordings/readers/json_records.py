@@ -1,7 +1,10 @@
 """Arrays of JSON: an object of lists, a list of objects, or an object in each line.
 
 Names within objects are joined by points, ``state.q``; a list of numbers in each record
-is a row of a two-dimensional array.  What is no number in all records is not an array.
+is a row of a two-dimensional array.  Lists beside a list of as many names, as in
+messages of joint states, and lists of objects with names are taken apart:
+``position.elbow``.  Records of a joint each are read side by side.  Values that are no
+numbers or times in all records are not an array.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,8 +16,16 @@ import numpy as np
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
+from consistent_id.recordings.readers.long_tables import (
+    LongOrder,
+    joint_column,
+    wide_columns,
+)
 from consistent_id.recordings.readers.named_arrays import Arrays
+from consistent_id.recordings.readers.text_numbers import number
+from consistent_id.recordings.readers.units import is_time
 
+_NAMES = ("name", "names", "joint_names")
 _LINES = (".jsonl", ".ndjson")
 
 
@@ -36,22 +47,58 @@ def array_names(path: Path) -> tuple[str, ...]:
     return tuple(_arrays(path))
 
 
+def notes(path: Path) -> tuple[str, ...]:
+    """Return a sentence on records of a joint each, if they are."""
+    content = _content(path)
+    if not isinstance(content, list) or not all(isinstance(r, dict) for r in content):
+        return ()
+    found = _side_by_side(_lists(content))
+    return () if found is None else (found[1].sentence(path.name),)
+
+
+def _lists(content: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """Return the values of each name in all records, None where one has none."""
+    records = [dict(_leaves(record)) for record in content]
+    names = dict.fromkeys(name for record in records for name in record)
+    return {name: [record.get(name) for record in records] for name in names}
+
+
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     content = _content(path)
     if isinstance(content, Mapping):
         lists = dict(_leaves(content))
         if any(isinstance(values, list) for values in lists.values()):
-            return _numbers(lists)
+            texts = {n: np.array(v) for n, v in lists.items() if _are_names(v)}
+            return texts | _numbers(lists)
         content = [content]
     content = content if isinstance(content, list) else []
-    records = [dict(_leaves(record)) for record in content if isinstance(record, dict)]
-    if not records or len(records) < len(content):
+    if not content or not all(isinstance(record, dict) for record in content):
         raise RecordingError(
             f"{path}: expected JSON of records: an object of lists, a list of objects, "
             "or an object in each line"
         )
-    names = dict.fromkeys(name for record in records for name in record)
-    return _numbers({name: [r.get(name) for r in records] for name in names})
+    lists = _lists(content)
+    found = _side_by_side(lists)
+    return _numbers(lists) if found is None else found[0]
+
+
+def _side_by_side(
+    lists: Mapping[str, list[Any]],
+) -> tuple[dict[str, np.ndarray], LongOrder] | None:
+    """Return records of a joint each as arrays of all joints; None of others."""
+    texts = {
+        name: [str(value) for value in values]
+        for name, values in lists.items()
+        if all(isinstance(value, str | int) for value in values)
+    }
+    found = {name: a for name, a in _numbers(lists).items() if a.ndim == 1}
+    names = tuple(name for name in lists if name in texts or name in found)
+    cells = {name: texts.get(name) or list(map(str, found[name])) for name in names}
+    if not (key := joint_column(names, cells)):
+        return None
+    named = {key: np.array(texts.get(key, ()), dtype=object)}
+    rest = {name: values for name, values in found.items() if name != key}
+    return wide_columns((*rest, key), rest | named, key)
 
 
 def _content(path: Path) -> Any:
@@ -66,17 +113,41 @@ def _content(path: Path) -> Any:
 
 
 def _leaves(value: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    names: list[str] = next((value[k] for k in _NAMES if _are_names(value.get(k))), [])
     for key, inner in value.items():
         if isinstance(inner, Mapping):
             yield from _leaves(inner, f"{before}{key}.")
+        elif isinstance(inner, list) and inner and inner is not names:
+            yield from _items(f"{before}{key}", inner, names)
         else:
             yield f"{before}{key}", inner
+
+
+def _items(key: str, items: list[Any], names: list[str]) -> Iterator[tuple[str, Any]]:
+    """Yield a list as a whole, or its items by their names."""
+    own = [item.get("name") for item in items if isinstance(item, Mapping)]
+    if len(own) == len(items) and _are_names(own):
+        for name, item in zip(own, items, strict=True):
+            yield from _leaves({**item, "name": None}, f"{key}.{name}.")
+    elif len(names) == len(items) and not isinstance(items[0], list):
+        yield from ((f"{key}.{n}", i) for n, i in zip(names, items, strict=True))
+    else:
+        yield key, items
+
+
+def _are_names(value: object) -> bool:
+    """Return whether a value is a list of distinct names."""
+    if not isinstance(value, list) or not value:
+        return False
+    return all(isinstance(v, str) for v in value) and len(set(value)) == len(value)
 
 
 def _numbers(lists: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """Return the lists that are arrays of numbers, of one or two dimensions."""
     found = {}
     for name, values in lists.items():
+        if isinstance(values, list) and is_time(name):
+            values = [number(v, ".") if isinstance(v, str) else v for v in values]
         if not isinstance(values, list) or any(isinstance(v, str) for v in values):
             continue
         try:

@@ -9,6 +9,12 @@ import numpy as np
 from consistent_id._support.files import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
+from consistent_id.recordings.readers.long_tables import (
+    LongOrder,
+    joint_column,
+    may_name,
+    wide_columns,
+)
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.used_rows import BREAK
 
@@ -27,6 +33,9 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     RecordingError
         If the file is not Parquet, or a column is missing or does not contain numbers.
     """
+    if (long := _long(path)) is not None:
+        require(str(path), names, tuple(long[0]))
+        return {name: long[0][name] for name in names}
     known = array_names(path)
     if "timestamp" not in names or EPISODE not in known:
         return read_columns(path, names)
@@ -58,12 +67,26 @@ def apart(time: np.ndarray, episodes: np.ndarray) -> np.ndarray:
     return np.asarray(time + np.cumsum(late))
 
 
+def labels(path: Path, name: str) -> tuple[str, ...]:
+    """Return the texts in the list of a column's first row; none of other columns."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path) as file:
+            first = next(file.iter_batches(1, columns=[name]), None)
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
+        raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
+    (value,) = first[0].to_pylist()[:1] if first is not None else [None]
+    return tuple(map(str, value)) if isinstance(value, list) else ()
+
+
 def read_columns(path: Path, names: Sequence[str]) -> Arrays:
     """Return the named columns as they are stored; see `read_arrays`."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    require(str(path), names, array_names(path))
+    require(str(path), names, tuple(_schema(path).names))
     try:
         with pq.ParquetFile(path, buffer_size=_BUFFER, pre_buffer=False) as file:
             values = _values(file.metadata, names)
@@ -126,7 +149,7 @@ def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Array
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    require(str(path), names, array_names(path))
+    require(str(path), names, tuple(_schema(path).names))
     try:
         with pq.ParquetFile(path, buffer_size=_BUFFER, pre_buffer=False) as file:
             of_groups = [
@@ -153,13 +176,72 @@ def columns_of(batch: Any, names: Sequence[str], path: Path) -> Arrays:
     return {name: numbers_of(table[name], f"{path}: column {name!r}") for name in names}
 
 
+def in_pieces(path: Path) -> bool:
+    """Return whether a file can be read piece by piece: unless it is a long table."""
+    return not _long_names(path)
+
+
+def notes(path: Path) -> tuple[str, ...]:
+    """Return a sentence on a table with a row for each joint, if it is one."""
+    long = _long(path)
+    return () if long is None else (long[1].sentence(path.name),)
+
+
+def _long_names(path: Path) -> list[str]:
+    """Return the columns of text that may name the joint of each row."""
+    import pyarrow as pa
+
+    schema = _schema(path)
+    texts = (pa.types.is_string, pa.types.is_large_string, pa.types.is_dictionary)
+    return [
+        name
+        for name, kind in zip(schema.names, schema.types, strict=True)
+        if any(is_text(kind) for is_text in texts) and may_name(name, schema.names)
+    ]
+
+
+def _long(path: Path) -> tuple[dict[str, np.ndarray], LongOrder] | None:
+    """Return a table with a row for each joint side by side; None of other files."""
+    import pyarrow as pa
+
+    if not (likely := _long_names(path)):
+        return None
+    schema = _schema(path)
+    flat = [
+        name
+        for name, kind in zip(schema.names, schema.types, strict=True)
+        if pa.types.is_primitive(kind) and not pa.types.is_boolean(kind)
+    ]
+    arrays = dict(read_columns(path, flat))
+    texts = {name: _texts(path, name) for name in likely}
+    arrays |= {name: np.array(cells, dtype=object) for name, cells in texts.items()}
+    cells = {
+        name: texts.get(name) or values.tolist() for name, values in arrays.items()
+    }
+    key = joint_column(tuple(arrays), cells)
+    rest = {n: v for n, v in arrays.items() if n == key or n not in texts}
+    return wide_columns(tuple(rest), rest, key) if key else None
+
+
+def _texts(path: Path, name: str) -> list[str]:
+    import pyarrow.parquet as pq
+
+    column = pq.read_table(path, columns=[name])[name]
+    return ["" if value is None else str(value) for value in column.to_pylist()]
+
+
 def array_names(path: Path) -> tuple[str, ...]:
-    """Return the names of the columns."""
+    """Return the names of the columns, of a long table side by side."""
+    long = _long(path)
+    return tuple(_schema(path).names if long is None else long[0])
+
+
+def _schema(path: Path) -> Any:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        return tuple(pq.read_schema(path).names)
+        return pq.read_schema(path)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
         raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
 

@@ -23,6 +23,7 @@ _YAML = re.compile(r"\A(?:---\s+)?header:\s*\n\s+(?:seq|stamp):", re.MULTILINE)
 _XML = re.compile(r"\A\s*<(?P<root>Rob|Sen)\b[^>]*>")
 _LIST = re.compile(r"[\[(](?P<items>(?:[-+.,\deE\s]|nan|null|none|inf)*)[\])]", re.I)
 _LISTS = re.compile(r"[\[(]\s*[-+.\dni][^\[\]()]*[,\s][^\[\]()]*[\])]", re.I)
+_QUOTED = re.compile(r"['\"]([^'\"]+)['\"]")
 _HEAD = 20_000  # characters in which the first row ends
 _DECIMAL_COMMA, _SPACE = re.compile(r"\d,\d"), re.compile(r"\d\s+[-+.\d]")
 _ELEMENT = re.compile(r"<(\w+)((?:\s+[\w.]+=\"[^\"]*\")+)\s*/>")
@@ -166,20 +167,34 @@ def _widths(text: str) -> list[int]:
 
 
 def _without_lists(text: str) -> str:
-    """Return a table with a column for each item of the lists in its cells."""
+    """Return a table with a column for each item of the lists in its cells.
+
+    Beside a list of names, items are called by these; rows of other names are left out.
+    """
     comments, rows, mark = _rows(text)
     widths = _widths(text)
+    head, first = next(rows), next(rows, [])
+    joints, place = _joints(first)
     out = io.StringIO()
     table = csv.writer(out, delimiter=mark, lineterminator="\n")
-    each = zip(next(rows), widths, strict=True)
     table.writerow(
-        f"{name}[{k}]" if width else name
-        for name, width in each
+        (f"{name}.{joints[k]}" if width == len(joints) else f"{name}[{k}]")
+        if width
+        else name
+        for name, width in zip(head, widths, strict=True)
         for k in range(max(width, 1))
     )
-    for row in rows:
-        table.writerow(_flat(row, widths))
+    for row in (first, *rows):
+        if not joints or len(row) != len(widths) or row[place] == first[place]:
+            table.writerow(_flat(row, widths))
     return comments + out.getvalue()
+
+
+def _joints(row: Sequence[str]) -> tuple[list[str], int]:
+    """Return the names in the only cell with a list of distinct ones, and its place."""
+    found = [(_QUOTED.findall(c), k) for k, c in enumerate(row) if c[:1] in "[("]
+    names = [(each, k) for each, k in found if each and len(set(each)) == len(each)]
+    return names[0] if len(names) == 1 else ([], 0)
 
 
 def _flat(row: Sequence[str], widths: Sequence[int]) -> list[str]:

@@ -3,14 +3,17 @@
 import re
 from collections.abc import Iterable
 from datetime import UTC, datetime
+from typing import NamedTuple
 
-_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_DATE = re.compile(r"\d{4}([-/])\d\d\1\d\d[T ]\d\d:\d\d")
 # 31.12.2026 in Germany, 12/31/2026 in America, perhaps with AM or PM.
 _LOCAL = re.compile(
     r"(?P<first>\d\d?)(?P<mark>[./])(?P<second>\d\d?)(?P=mark)(?P<year>\d{4})[T ]+"
     r"(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<seconds>\d\d(?:[.,]\d+)?))?"
     r"(?: ?(?P<half>[APap])[Mm])?"
 )
+_SLASHED = re.compile(r"(?<![\d/])(\d\d?)/(\d\d?)/(\d{4})(?=[T ])")
+_MONTHS = 12
 _SECONDS_OF = {"sec": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "hr": 3600.0}
 _DURATION = re.compile(
     rf"(?P<number>[-+]?\d+\.?\d*(?:e[-+]?\d+)?) ?(?P<unit>{'|'.join(_SECONDS_OF)})"
@@ -36,8 +39,60 @@ def decimal_mark(cells: Iterable[str]) -> str | None:
     return None
 
 
-def number(cell: str, mark: str | None) -> float | None:
-    """Return the number in a cell, None if it is not one with this decimal mark."""
+class DateOrder(NamedTuple):
+    """Whether the day comes first in dates with slashes, and how that is known.
+
+    Parameters
+    ----------
+    day_first : bool
+    said : str
+        A sentence if no date of the text says it; else nothing.
+    """
+
+    day_first: bool = False
+    said: str = ""
+
+
+def date_order(text: str) -> DateOrder:
+    """Return the order of a text's dates with slashes, which all have the same.
+
+    If none has a day above 12, the order is the one in which the text spans less time;
+    the month is first if both span the same.
+
+    Examples
+    --------
+    >>> date_order("3/4/2026 10:00, 13/4/2026 9:00").day_first
+    True
+    >>> date_order("3/31/2026 10:00").day_first
+    False
+    >>> date_order("03/04/2026 23:59, 04/04/2026 00:00").said
+    'dates such as 03/04/2026 are read with the day first: none shows the order'
+    """
+    if _SLASHED.search(text) is None:
+        return DateOrder()
+    dates = {found.groups(): found[0] for found in _SLASHED.finditer(text)}
+    pairs = [(int(one), int(other), int(year)) for one, other, year in dates]
+    if any(max(one, other) > _MONTHS for one, other, _ in pairs):
+        return DateOrder(any(one > _MONTHS for one, _, _ in pairs))
+    by_month = [31 * (12 * year + one) + other for one, other, year in pairs]
+    by_day = [31 * (12 * year + other) + one for one, other, year in pairs]
+    spans = [max(days) - min(days) for days in (by_month, by_day)]
+    first = "day" if spans[1] < spans[0] else "month"
+    said = (
+        f"dates such as {min(dates.values())} are read with the {first} first: none "
+        "shows the order"
+    )
+    return DateOrder(first == "day", said)
+
+
+def number(cell: str, mark: str | None, day_first: bool = False) -> float | None:
+    """Return the number in a cell, None if it is not one with this decimal mark.
+
+    Parameters
+    ----------
+    day_first : bool
+        Whether the day is first in dates with slashes.
+    """
     if "_" in cell or not cell.isascii():  # Python's float() would accept them
         return None
     if mark == "," and not _is_date(cell):
@@ -49,7 +104,9 @@ def number(cell: str, mark: str | None) -> float | None:
     except ValueError:
         if cell[:4].isdigit():
             return _seconds_of_date(cell)
-        return _seconds_of_local(cell) if _LOCAL.match(cell) else _duration(cell)
+        if _LOCAL.match(cell):
+            return _seconds_of_local(cell, day_first)
+        return _duration(cell)
 
 
 def _is_date(cell: str) -> bool:
@@ -85,16 +142,16 @@ def _seconds_of_date(cell: str) -> float | None:
     if _DATE.match(cell) is None:
         return None
     try:
-        date = datetime.fromisoformat(cell)
+        date = datetime.fromisoformat(cell.replace("/", "-"))
     except ValueError:
         return None
     return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
 
 
-def _seconds_of_local(cell: str) -> float | None:
+def _seconds_of_local(cell: str, day_first: bool = False) -> float | None:
     """Return the seconds from 1970 to a date as a country writes it, in UTC.
 
-    The day comes first beside points, the month beside slashes, if it may be one.
+    The day comes first beside points, and beside slashes if it is stated.
 
     Examples
     --------
@@ -105,7 +162,7 @@ def _seconds_of_local(cell: str) -> float | None:
     if found is None:
         return None
     first, second = int(found["first"]), int(found["second"])
-    day_first = found["mark"] == "." or first > 12
+    day_first = day_first or found["mark"] == "."
     day, month = (first, second) if day_first else (second, first)
     hour = int(found["hour"])
     if found["half"]:

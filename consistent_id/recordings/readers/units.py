@@ -50,6 +50,12 @@ KNOWN: dict[str, dict[str, float]] = {
 }
 """Factors to SI by channel and unit."""
 
+SI = {
+    channel: next(u for u in units if units[u] == 1.0)
+    for channel, units in KNOWN.items()
+}
+"""The first SI unit of each channel."""
+
 _SPELT = {
     word: unit
     for unit, words in {
@@ -91,8 +97,14 @@ _LAST = re.compile(rf"[\[(_ ]\s*({_UNIT.pattern})\s*[\])]?$", re.IGNORECASE)
 _MARK = r"[ .·*-]?"  # between the factors of a unit
 _IMPERIAL = rf"lbf?{_MARK}(?:in|ft)|(?:in|ft){_MARK}lbf?|ozf?{_MARK}in|in{_MARK}ozf?"
 _LAST_TORQUE = re.compile(
-    rf"[\[(_ ]\s*(%|pct|percent|permille|‰|[mk] ?N{_MARK}m|N{_MARK}[cm]m|mA|"
+    rf"[\[(_ ]\s*(%|pct|percent|permille|‰|[mk] ?N{_MARK}m|N{_MARK}[cm]m|[mk]N|mA|"
     rf"(?i:kgf?{_MARK}c?m|{_IMPERIAL}))\s*[\])]?$"
+)
+# Words for the joint after a unit, such as in ``pos_deg_J{number}``.
+_TAIL = re.compile(
+    r"[ _.]*(?:(?<=[ _.\])])(?:j|jnt|joint|joints|a|ax|axis|axes|m|motor|servo|dof)"
+    r"[ _.#]*)?(?:\[\])?$",
+    re.IGNORECASE,
 )
 
 _CLOCKS: tuple[str, ...] = (
@@ -127,6 +139,7 @@ _FRACTIONS = {
     }.items()
     for word in words
 }
+_LISTED = re.compile(r"\{(?P<items>[^{}]*,[^{}]*)\}")  # a word for each joint
 RATE = "RATEHz"  # in place of a rate that no log holds
 _SECONDS = ("s", "sec", "secs", "second", "seconds")
 _LAST_WORD = re.compile(r"[A-Za-z]+$")
@@ -218,7 +231,9 @@ def unit_of_a_name(channel: str, pattern: str) -> str:
     """
     if channel == "time" and _AND in pattern:
         return ""
-    name = re.sub(r"\{[^}]*\}", "", pattern).rstrip(" _")
+    if len(each := listed_names(pattern)) > 1:
+        return next(filter(None, (unit_of_a_name(channel, one) for one in each)), "")
+    name = _TAIL.sub("", re.sub(r"\{[^}]*\}", "", pattern))
     found = (_LAST_TORQUE if channel.startswith("torque") else _LAST).search(name)
     if found is None:
         return ""
@@ -258,6 +273,14 @@ def is_unit(text: str) -> bool:
     (True, True, False)
     """
     for channel in ("position", "velocity", "torque"):
+        with suppress(RecordingError):
+            return bool(standard_unit(channel, text))
+    return False
+
+
+def is_any_unit(text: str) -> bool:
+    """Return whether a text is a unit of any channel, of the clock too."""
+    for channel in KNOWN:
         with suppress(RecordingError):
             return bool(standard_unit(channel, text))
     return False
@@ -312,6 +335,21 @@ def split_clock(names: Collection[str]) -> str | None:
             if other.startswith(stem) and other[len(stem) :].lower() in _FRACTIONS:
                 return f"{name}{_AND}{other}"
     return None
+
+
+def listed_names(pattern: str) -> tuple[str, ...]:
+    """Return the names of a pattern with a list, one for each joint; else itself.
+
+    Examples
+    --------
+    >>> listed_names("q_{base,wrist}"), listed_names("q_{joint}")
+    (('q_base', 'q_wrist'), ('q_{joint}',))
+    """
+    found = _LISTED.search(pattern)
+    if found is None:
+        return (pattern,)
+    before, after = pattern[: found.start()], pattern[found.end() :]
+    return tuple(f"{before}{one.strip()}{after}" for one in found["items"].split(","))
 
 
 def rate_of(clock: str) -> float | None:

@@ -1,0 +1,42 @@
+"""The encoding of a text file."""
+
+import codecs
+import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from pathlib import Path
+
+_UTF_16, _WINDOWS = "utf-16", "cp1252"
+_CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
+_HEAD = 2**22  # bytes that show the encoding
+
+
+def encoding_of(path: Path) -> str:
+    """Return the encoding of a text file.
+
+    UTF-16 begins with a mark.  Other text is Windows-1252, of which Latin-1 is a part:
+    only names and comments can differ, as numbers are ASCII.
+    """
+    with path.open("rb") as file:
+        first = file.read(_HEAD)
+    if first.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        return _UTF_16
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(first)
+    except UnicodeDecodeError:
+        text = first.decode(_WINDOWS, errors="replace")
+        if "\ufffd" not in text and not _CONTROLS.search(text):
+            return _WINDOWS
+    return "utf-8-sig"
+
+
+def encoding_notes(path: Path) -> list[str]:
+    """Return a sentence on the encoding if it is not UTF-8."""
+    encoding = encoding_of(path)
+    if encoding == _UTF_16:
+        return [f"{path.name} is UTF-16 text"]
+    if encoding == _WINDOWS:
+        return [
+            f"{path.name} is not UTF-8, it is read as Latin-1 (Windows-1252): check "
+            "letters such as \N{DEGREE SIGN} in the names of columns"
+        ]
+    return []

@@ -1,0 +1,156 @@
+"""Arrays beside names of joints are read by the names, not in the robot's order."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from pyarrow.feather import write_feather
+
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.log_formats import log_format
+from consistent_id.recordings.readers import Columns, read_recording
+from consistent_id.recordings.readers.recording_file import column_names
+
+JOINTS = ("shoulder", "elbow")
+OTHER = ["elbow", "shoulder"]  # ROS sorts names
+TIME = np.arange(30) / 10.0
+POSITION = np.column_stack([np.sin(TIME), 0.2 * TIME])
+TORQUE = 3.0 * POSITION + 1.0
+
+
+def read(file):
+    guess = guess_columns(file, KnownColumns(JOINTS))
+    return read_recording(file, guess.joints, guess.columns)
+
+
+def assert_is_read(file):
+    log = read(file)
+    np.testing.assert_allclose(log.time - log.time[0], TIME, atol=1e-6)
+    np.testing.assert_allclose(log.position, POSITION)
+    np.testing.assert_allclose(log.torque, TORQUE)
+
+
+def message(k):
+    lists = {"position": POSITION[k, ::-1].tolist(), "effort": TORQUE[k, ::-1].tolist()}
+    return {"name": OTHER, "velocity": [], **lists}
+
+
+def joint(k, j):
+    values = {"position": POSITION[k, j], "effort": TORQUE[k, j]}
+    return {"name": JOINTS[j], **values}
+
+
+RECORDS = {
+    "joint states": lambda k: {"time": TIME[k], **message(k)},
+    "within": lambda k: {"time": TIME[k], "msg": message(k)},
+    "lists of joints": lambda k: {"t": TIME[k], "joints": [joint(k, 1), joint(k, 0)]},
+    "dates": lambda k: {"time": f"2026-01-01T10:00:{TIME[k]:06.3f}Z", **message(k)},
+}
+
+
+@pytest.mark.parametrize("record", RECORDS.values(), ids=RECORDS)
+def test_records_with_names(tmp_path, record):
+    file = tmp_path / "log.jsonl"
+    file.write_text("\n".join(json.dumps(record(k)) for k in range(len(TIME))))
+    assert_is_read(file)
+    assert log_format(file).notes(file) == ()
+
+
+def test_records_of_a_joint_each(tmp_path):
+    records = [
+        {"time": TIME[k], "joint": JOINTS[j], "q": POSITION[k, j], "tau": TORQUE[k, j]}
+        for k in range(len(TIME))
+        for j in (1, 0)
+    ]
+    file = tmp_path / "log.json"
+    file.write_text(json.dumps(records))
+    assert_is_read(file)
+    (note,) = log_format(file).notes(file)
+    assert "each of elbow, shoulder: they are read side by side" in note
+
+
+def arrays(names):
+    return {
+        "joint_names": names,
+        "time": TIME,
+        "position": POSITION[:, ::-1],
+        "torque": TORQUE[:, ::-1],
+    }
+
+
+def test_arrays_beside_their_names(tmp_path):
+    npz, plain = tmp_path / "log.npz", tmp_path / "log.json"
+    np.savez(npz, **arrays(np.array(OTHER)))
+    lists = {name: np.asarray(v).tolist() for name, v in arrays(OTHER).items()}
+    plain.write_text(json.dumps(lists))
+    assert_is_read(npz)
+    assert_is_read(plain)
+
+
+def test_lists_in_cells_beside_their_names(tmp_path):
+    file = tmp_path / "log.csv"
+    frame = {"time": TIME, "name": [OTHER] * len(TIME)}
+    frame |= {"position": POSITION[:, ::-1], "effort": TORQUE[:, ::-1]}
+    lines = [
+        ",".join(f'"{np.asarray(frame[n][k]).tolist()}"' for n in frame)
+        for k in range(len(TIME))
+    ]
+    gripper = '"9.0","[\'left\', \'right\']","[1.0, 2.0]","[3.0, 4.0]"'
+    file.write_text("\n".join([",".join(frame), *lines[:5], gripper, *lines[5:]]))
+    assert column_names(file)[-4:] == (
+        *(f"position.{joint}" for joint in OTHER),
+        *(f"effort.{joint}" for joint in OTHER),
+    )
+    log = read_recording(
+        file,
+        JOINTS,
+        Columns("time", "position.{joint}", torque="effort.{joint}"),
+    )
+    np.testing.assert_allclose(log.position, POSITION)
+    np.testing.assert_allclose(log.torque, TORQUE)
+
+
+@pytest.mark.parametrize("group", ["", "run/"])
+def test_datasets_beside_their_names(tmp_path, group):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        for name, values in arrays(np.array(OTHER, dtype="S")).items():
+            file[group + name] = values
+    assert_is_read(tmp_path / "log.h5")
+
+
+@pytest.mark.parametrize("kind", ["parquet", "feather"])
+def test_columns_of_lists_beside_their_names(tmp_path, kind):
+    lists = arrays([OTHER] * len(TIME))
+    table = pa.table({name: list(values) for name, values in lists.items()})
+    file = tmp_path / f"log.{kind}"
+    {"parquet": pq.write_table, "feather": write_feather}[kind](table, file)
+    assert_is_read(file)
+
+
+def test_other_names_are_mapped_by_the_option_that_the_message_names(tmp_path):
+    file = tmp_path / "log.npz"
+    np.savez(file, **arrays(np.array(["A2", "A1"])))
+    with pytest.raises(
+        RecordingError, match="joint_names names other joints"
+    ) as refused:
+        read(file)
+    assert refused.value.options == "--names A2=shoulder A1=elbow"
+
+
+def test_a_long_table_of_parquet_is_read_side_by_side(tmp_path):
+    file = tmp_path / "log.parquet"
+    table = {
+        "time": np.repeat(TIME, 2),
+        "joint": OTHER * len(TIME),
+        "position": POSITION[:, ::-1].ravel(),
+        "effort": TORQUE[:, ::-1].ravel(),
+    }
+    pq.write_table(pa.table(table), file)
+    assert_is_read(file)
+    (note,) = log_format(file).notes(file)
+    assert "each of elbow, shoulder: they are read side by side" in note
+    assert not log_format(file).in_pieces(file)
