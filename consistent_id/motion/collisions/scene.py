@@ -292,7 +292,8 @@ class PairChange:
 
     def __init__(self, places: BodyPlaces, pairs: Sequence[Pair]) -> None:
         robot, carriers = places.links.robot, places.carriers
-        self._robot, self._ends = robot, np.array([(p.first, p.second) for p in pairs])
+        self._robot = robot
+        self._ends = np.array([(p.first, p.second) for p in pairs], dtype=np.intp)
         self._ends = self._ends.reshape(-1, 2)
         self._between = np.zeros((len(pairs), len(robot.joints)))
         for k, pair in enumerate(pairs):
