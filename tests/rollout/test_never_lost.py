@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-mujoco = pytest.importorskip("mujoco")
+pytest.importorskip("mujoco")
 
+import mujoco
 from commanded_leg import write_leg
 
 from consistent_id import load_problem
