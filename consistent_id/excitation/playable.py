@@ -21,11 +21,11 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.basis import FourierBasis, limit_rows
+from consistent_id.excitation.clear_starts import PathLimits, clear_start
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.proven_moves import Playing, ProvenMove, proven_move
 from consistent_id.excitation.request import DesignRequest, design_request
-from consistent_id.excitation.search_problem import PathLimits, clear_start
 from consistent_id.excitation.verification import Demands, PathProof
 from consistent_id.motion.move import Move
 from consistent_id.motion.moves import move_along

@@ -83,7 +83,7 @@ class ReplayModel:
     velocities: IntArray
 
 
-class _Quiet:
+class _WarningsOff:
     """How many parts of the program, in all threads, keep MuJoCo quiet."""
 
     lock = Lock()
@@ -98,16 +98,16 @@ def quiet() -> Iterator[None]:
     another program has set stays.
     """
     mujoco = require_mujoco()
-    with _Quiet.lock:
-        if _Quiet.count == 0 and mujoco.get_mju_user_warning() is None:
+    with _WarningsOff.lock:
+        if _WarningsOff.count == 0 and mujoco.get_mju_user_warning() is None:
             mujoco.set_mju_user_warning(_ignored)
-        _Quiet.count += 1
+        _WarningsOff.count += 1
     try:
         yield
     finally:
-        with _Quiet.lock:
-            _Quiet.count -= 1
-            if _Quiet.count == 0 and mujoco.get_mju_user_warning() is _ignored:
+        with _WarningsOff.lock:
+            _WarningsOff.count -= 1
+            if _WarningsOff.count == 0 and mujoco.get_mju_user_warning() is _ignored:
                 mujoco.set_mju_user_warning(None)
 
 
@@ -246,7 +246,7 @@ def _inverse_inertia(compiled: Any) -> Matrix:
 def _compiled(spec: Any, name: str) -> Any:
     mujoco = require_mujoco()
     try:
-        with _Quiet.lock, catch_warnings():
+        with _WarningsOff.lock, catch_warnings():
             simplefilter("ignore", UserWarning)  # of a motion that will diverge
             return spec.compile()
     except (ValueError, mujoco.FatalError) as cause:

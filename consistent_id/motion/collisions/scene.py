@@ -249,6 +249,18 @@ def joints_between(robot: RobotModel, first: int, second: int) -> tuple[int, ...
     )
 
 
+def moving_pairs(scene: Scene) -> BoolArray:
+    """Return which coordinates move which pairs' bodies, (pairs, coordinates)."""
+    robot = scene.robot
+    links = [place_of(robot, body).link for body in scene.bodies]
+    between = np.zeros((len(scene.pairs), len(robot.joints)))
+    for k, pair in enumerate(scene.pairs):
+        between[
+            k, list(joints_between(robot, links[pair.first], links[pair.second]))
+        ] = 1
+    return np.asarray(between @ abs(robot.joint_rates) > 0.0)
+
+
 def largest_change(
     places: BodyPlaces, pair: Pair, sample: IntArray, steps: Array
 ) -> Array:
