@@ -67,9 +67,7 @@ def test_all_joints_with_the_same_fault_are_named_at_once():
         "upper": [1.0, 0.0, 0.0],
     }
     endless = [np.inf] * 3
-    with pytest.raises(
-        ProblemError, match=r"'knee' \(and likewise 'toe'\): lower"
-    ):
+    with pytest.raises(ProblemError, match=r"'knee' \(and likewise 'toe'\): lower"):
         MotionLimits(
             **known,
             velocity=[1.0] * 3,
