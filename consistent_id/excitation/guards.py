@@ -18,7 +18,12 @@ import numpy as np
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.kernels import TorqueKernel
-from consistent_id.motion.collisions.scene import BodyPlaces, Scene, body_places
+from consistent_id.motion.collisions.scene import (
+    BodyPlaces,
+    Scene,
+    body_places,
+    moving_pairs,
+)
 from consistent_id.motion.collisions.separation import (
     Separation,
     distances_along,
@@ -87,6 +92,9 @@ class Guard(Protocol):
 
     def kept(self, motion: Array) -> bool:
         """Return whether no item exceeds its limit."""
+
+    def moved_by(self, joint: int) -> Self:
+        """Return a guard of the items that a joint of the motion affects."""
 
     def rows(self, motion: Array, items: IntArray) -> "ItemRows":
         """Return one item per sample, with its derivatives."""
@@ -157,6 +165,10 @@ class TorqueGuard:
     def kept(self, motion: Array) -> bool:
         """Return whether no torque exceeds its limit."""
         return bool(self.measure(motion).max() <= 0.0)
+
+    def moved_by(self, joint: int) -> Self:
+        """Return the guard itself: each joint may affect all torques."""
+        return self
 
     def rows(self, motion: Array, items: IntArray) -> ItemRows:
         """Return the sizes of the chosen torques, with derivatives."""
@@ -249,6 +261,13 @@ class ClearanceGuard:
         """Return whether all bodies are as far apart as required."""
         least = self._least
         return distances_along(self.scene, motion[0], least, least=least) is not None
+
+    def moved_by(self, joint: int) -> Self:
+        """Return a guard of the pairs that a joint moves against each other."""
+        kept = np.flatnonzero(moving_pairs(self.scene)[:, joint]).tolist()
+        scene = replace(self.scene, pairs=tuple(self.scene.pairs[k] for k in kept))
+        spare = {n: self.spare[k] for n, k in enumerate(kept) if k in self.spare}
+        return replace(self, scene=scene, spare=spare)
 
     @property
     def _least(self) -> Vector:

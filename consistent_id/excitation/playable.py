@@ -21,11 +21,11 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.basis import FourierBasis, limit_rows
+from consistent_id.excitation.clear_starts import PathLimits, clear_start
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.proven_moves import Playing, ProvenMove, proven_move
 from consistent_id.excitation.request import DesignRequest, design_request
-from consistent_id.excitation.search_problem import PathLimits, clear_start
 from consistent_id.excitation.verification import Demands, PathProof
 from consistent_id.motion.move import Move
 from consistent_id.motion.moves import move_along
@@ -45,6 +45,8 @@ _REACH = 0.95  # share of the limits that a path may use
 _SWINGS = (1.0, 0.85, 0.65, 0.4, 0.2)  # shares of its amplitude, tried in this order
 _AMONG_BODIES = 6  # random paths to choose from in a scene, where each takes long
 _OF_ONE_SWING = 2  # proven paths; if none can be played, slower ones may
+_MEASURED = 8  # times for each joint, at most, that a random path's guards are measured
+_DRAWING = 90.0  # units of work, at most, for random paths; the first has no limit
 _GRID = 8  # samples per period of the highest frequency, at which guards measure
 
 
@@ -78,7 +80,8 @@ def validation_trajectory(
     design : ExcitationDesign
     seed : int
     candidates : int
-        Random paths to choose from; in a scene at most six.
+        Random paths to choose from; in a scene at most six, and fewer of a robot
+        with so many joints and pairs of bodies that each takes long.
 
     Raises
     ------
@@ -116,6 +119,8 @@ def _validation_paths(
     time = np.linspace(0.0, form.duration, count + 1)
     if any(guard.keeps_apart for guard in guards):
         drawn = drawn[:_AMONG_BODIES]
+    work = _MEASURED * shape[1] * len(time) * sum(guard.seconds for guard in guards)
+    drawn = drawn[: max(int(_DRAWING / max(work, 1e-9)), 1)]
     limits = PathLimits(basis, rows, guards, time)
     drawn = [clear_start(v * (_REACH / rows.largest(v)), limits, rng) for v in drawn]
     for share in _SWINGS:

@@ -378,7 +378,8 @@ def _limits(given: LimitsTable, robot: RobotModel) -> MotionLimits:
             f"[excitation.limits] {cause}. Its keys: position = {{ "
             f"{robot.joint_names[0]} = [-1.0, 1.0] }}, velocity = 1.0, acceleration = "
             "5.0, jerk, effort, effort_rate, effort_rms, one for all joints or by "
-            "name; in the shell --velocity, --acceleration"
+            "name; init ROBOT writes a problem file for them. In the shell --velocity, "
+            "--acceleration; --lock JOINT ... for joints that stand still"
         ) from None
     return limits.within(given.share)
 

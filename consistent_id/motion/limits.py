@@ -1,6 +1,6 @@
 """Limits of joints' motion that must be kept at all times."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -67,32 +67,43 @@ class MotionLimits:
         names = ("lower", "upper", *_ORDERS, *_EFFORTS)
         shapes = dict.fromkeys(names, (len(self.joints),))
         freeze_arrays(self, shapes, "limits", finite=False)
+        faults: dict[str, dict[str, str]] = {}
         for j, joint in enumerate(self.joints):
-            self._check(j, f"limits of joint {joint!r}")
+            for kind, fault in self._faults(j):
+                faults.setdefault(kind, {})[joint] = fault
+        for found in faults.values():
+            (joint, fault), *others = found.items()
+            same = ", ".join(repr(name) for name, _ in others)
+            same = same and f" (and likewise {same})"
+            raise ProblemError(f"limits of joint {joint!r}{same}: {fault}")
 
-    def _check(self, j: int, where: str) -> None:
+    def _faults(self, j: int) -> Iterator[tuple[str, str]]:
+        """Yield the kinds of a joint's faults, and what they are."""
         low, high = self.lower[j], self.upper[j]
         if not (np.isfinite(low) and np.isfinite(high)):
-            raise ProblemError(
-                f"{where}: position between {low} and {high}, expected finite numbers; "
-                "give its range"
+            yield (
+                "endless",
+                f"position between {low} and {high}, expected finite numbers; "
+                "give its range",
             )
-        if not low < high:
-            raise ProblemError(
-                f"{where}: lower {low:g} is not below upper {high:g}, so it cannot "
-                "move; widen the range, or lock the joint in the model"
+        elif not low < high:
+            yield (
+                "no range",
+                f"lower {low:g} is not below upper {high:g}, so it cannot "
+                "move; widen the range, or lock the joint in the model",
             )
         for name in (*_ORDERS, *_EFFORTS):
             value = getattr(self, name)[j]
             if not value > 0.0:
-                raise ProblemError(
-                    f"{where}: {name} is {value:g}, expected more than 0; correct it, "
-                    "or lock the joint in the model"
+                yield (
+                    name,
+                    f"{name} is {value:g}, expected more than 0; correct it, "
+                    "or lock the joint in the model",
                 )
         if not min(getattr(self, name)[j] for name in _ORDERS) < np.inf:
-            raise ProblemError(
-                f"{where}: no limit bounds its speed; give velocity, acceleration or "
-                f"jerk"
+            yield (
+                "speed",
+                "no limit bounds its speed; give velocity, acceleration or jerk",
             )
 
     @property

@@ -269,6 +269,11 @@ _GAINS_COMMENTS = {
     "one sample; consistent-id rollout finds a better one.",
     "data.gains.delay": "",
 }
+_ONE_SAMPLE = 0.99  # clocks are not exact
+_LONGEST_DELAY = (
+    "GUESS: the torque fits best with the longest delay that is tried, one sample;\n"
+    "commands may be later: consistent-id rollout finds the delay."
+)
 
 
 def comments_of(draft: "Draft") -> dict[str, str]:
@@ -282,6 +287,8 @@ def comments_of(draft: "Draft") -> dict[str, str]:
         **_GAINS_COMMENTS,
         **_of_preparation(draft),
     }
+    if draft.delay != "estimated" and draft.delay * draft.rate > _ONE_SAMPLE:
+        comments["data.gains"] = _LONGEST_DELAY
     if draft.standing is not None:
         comments |= draft.standing.comments
     if draft.selection is None:

@@ -25,12 +25,12 @@ from consistent_id.rollout.delay_search import (
 )
 from consistent_id.rollout.refine import (
     RefinementStart,
-    Replays,
     full_step,
     refined_once,
     refinement_start,
 )
 from consistent_id.rollout.replay_model import SEARCH_STEP
+from consistent_id.rollout.rollout_slopes import Replays
 from consistent_id.rollout.settings import (
     BLOCKS_OF_PART,
     Settings,

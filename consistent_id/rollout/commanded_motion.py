@@ -20,7 +20,7 @@ from consistent_id.export.mjcf_bodies import require_mujoco
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.recordings.signals import PDGains, resampled
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
-from consistent_id.rollout.replay_model import ReplayModel, deflect, replay_model
+from consistent_id.rollout.replay_model import ReplayModel, deflect, quiet, replay_model
 
 _FIRST = 5  # samples whose mean acceleration says how far springs are deflected
 
@@ -120,11 +120,12 @@ def replay(
     if offsets is not None:
         control = control - offsets
     data = mujoco.MjData(compiled)
-    _begin_half_a_step_before(model, data, log, control[0])
-    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-    start = np.zeros(mujoco.mj_stateSize(compiled, kind))
-    mujoco.mj_getState(compiled, data, start, kind)
-    states = np.asarray(rollout.rollout(compiled, data, start, control)[0])[0]
+    with quiet():
+        _begin_half_a_step_before(model, data, log, control[0])
+        kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        start = np.zeros(mujoco.mj_stateSize(compiled, kind))
+        mujoco.mj_getState(compiled, data, start, kind)
+        states = np.asarray(rollout.rollout(compiled, data, start, control)[0])[0]
     states = np.vstack([start, states])
     after = states[1::per_sample]
     states = states[::per_sample]

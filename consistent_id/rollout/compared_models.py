@@ -21,7 +21,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains, commanded
 from consistent_id.recordings.signals.derivatives import sliding_polynomials
 from consistent_id.rollout.commanded_motion import Replay, begin, replay, replayable
-from consistent_id.rollout.replay_model import ReplayModel, replay_model
+from consistent_id.rollout.replay_model import ReplayModel, quiet, replay_model
 
 WINDOW = 0.2
 """Length of a window [s]: some tens of samples, in which the error of a wrong model is
@@ -323,7 +323,8 @@ def open_loop(
         begin(model, data, log.position[at], velocity[at], acceleration[at])
         mujoco.mj_getState(compiled, data, start, kind)
     workers = [mujoco.MjData(compiled) for _ in range(_THREADS)]
-    states = np.asarray(rollout.rollout(compiled, workers, starts, control)[0])
+    with quiet():
+        states = np.asarray(rollout.rollout(compiled, workers, starts, control)[0])
     ends = states[:, per_sample - 1 :: per_sample].reshape(count * length, -1)
     if not np.isfinite(ends).all():
         raise RecordingError(

@@ -163,7 +163,8 @@ class ProblemRollout:
         elif found is not None and np.isfinite(found.error):
             notes.append(
                 f"delay {1e3 * found.delay:.2f} +- {1e3 * found.error:.2f} ms, from "
-                "the scatter between blocks of the motion"
+                "the scatter between blocks of the motion; errors of the model, such "
+                "as bodies that are not the robot's, may shift it by more"
             )
         if s.equal_motors:
             groups = "; ".join(", ".join(group) for group in s.equal_motors)

@@ -14,10 +14,13 @@ name, has rotor inertia, friction and drive, and is where the motor is; the seco
 the spring, and is the deflection of the link.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
@@ -78,6 +81,38 @@ class ReplayModel:
     gains: PDGains
     positions: IntArray
     velocities: IntArray
+
+
+class _WarningsOff:
+    """How many parts of the program, in all threads, keep MuJoCo quiet."""
+
+    lock = Lock()
+    count = 0
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep MuJoCo's warnings off the terminal, and out of a file ``MUJOCO_LOG.TXT``.
+
+    A motion that diverges is reported by its caller.  A handler of warnings that
+    another program has set stays.
+    """
+    mujoco = require_mujoco()
+    with _WarningsOff.lock:
+        if _WarningsOff.count == 0 and mujoco.get_mju_user_warning() is None:
+            mujoco.set_mju_user_warning(_ignored)
+        _WarningsOff.count += 1
+    try:
+        yield
+    finally:
+        with _WarningsOff.lock:
+            _WarningsOff.count -= 1
+            if _WarningsOff.count == 0 and mujoco.get_mju_user_warning() is _ignored:
+                mujoco.set_mju_user_warning(None)
+
+
+def _ignored(warning: str) -> None:
+    """Do nothing."""
 
 
 def replay_model(
@@ -180,12 +215,15 @@ def compiled_model(
 def _centre_damping(compiled: Any, gains: PDGains, velocities: IntArray) -> None:
     """Take off the inertia that implicit damping adds: half a step of the damping.
 
-    Time steps become shorter where that is much of the inertia.
+    Time steps become shorter where that is much of the inertia.  A robot whose inertia
+    is not positive keeps its damping: its motion diverges.
     """
     damping = np.array(compiled.dof_damping)
     damping[velocities] += gains.kd
     damping = np.maximum(damping, 0.0)  # a fit without signs may drive a joint
     inverse = _inverse_inertia(compiled)
+    if not np.isfinite(inverse).all():
+        return
     rooted = np.sqrt(damping)
     fastest = np.linalg.eigvalsh(rooted[:, None] * inverse * rooted)[-1]
     share = 0.5 * compiled.opt.timestep * fastest / _DAMPED
@@ -199,15 +237,18 @@ def _inverse_inertia(compiled: Any) -> Matrix:
     """Return the inverse of the mass matrix where a model is at rest."""
     mujoco = require_mujoco()
     data, inverse = mujoco.MjData(compiled), np.zeros((compiled.nv, compiled.nv))
-    mujoco.mj_forward(compiled, data)
-    mujoco.mj_solveM(compiled, data, inverse, np.eye(compiled.nv))
+    with quiet():
+        mujoco.mj_forward(compiled, data)
+        mujoco.mj_solveM(compiled, data, inverse, np.eye(compiled.nv))
     return inverse
 
 
 def _compiled(spec: Any, name: str) -> Any:
     mujoco = require_mujoco()
     try:
-        return spec.compile()
+        with _WarningsOff.lock, catch_warnings():
+            simplefilter("ignore", UserWarning)  # of a motion that will diverge
+            return spec.compile()
     except (ValueError, mujoco.FatalError) as cause:
         raise ModelError(f"{name}: MuJoCo refuses it: {cause}") from None
 

@@ -1,5 +1,7 @@
 """Among bodies: joints swing by themselves as far as they can, and steps stay clear."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from excited import arm, arm_limits, arm_problem
@@ -7,11 +9,14 @@ from scipy import optimize
 
 from consistent_id import TorqueModel
 from consistent_id.excitation.aims import PathForm
+from consistent_id.excitation.clear_starts import PathLimits, clear_start
 from consistent_id.excitation.guards import ClearanceGuard
 from consistent_id.excitation.path_search import FoundPath, searched_path
 from consistent_id.excitation.programme import LinearRows, Local, best_step
-from consistent_id.excitation.search_problem import Meter, PathLimits, clear_start
+from consistent_id.excitation.search_problem import Meter
 from consistent_id.motion import Body, Box, Capsule, build_scene, plane
+from consistent_id.motion.collisions.scene import Pair
+from consistent_id.motion.collisions.separation import nearest
 
 
 def scene():
@@ -103,3 +108,23 @@ def test_a_step_keeps_limits_that_were_not_included_first_and_its_work_is_counte
     assert abs(A @ step).max() == pytest.approx(1.0, abs=2e-3)
     assert meter.spent > 0.0
     assert best_step(x, local, none, 10.0, Meter(0.1 * meter.spent)) is None
+
+
+def test_the_limits_that_a_joint_affects_are_all_that_its_motion_can_violate():
+    upper = Body("upper arm", Capsule(0.05, 0.2), "link1", None, [0.2, 0.0, 0.0])
+    of = scene()
+    bodies, pairs = (*of.bodies, upper), (*of.pairs, Pair(len(of.bodies), 1))
+    guard = ClearanceGuard(replace(of, bodies=bodies, pairs=pairs), {1: 0.01, 2: 0.02})
+    names = [guard.scene.names(pair) for pair in guard.scene.pairs]
+    for joint, count in ((0, 3), (2, 2)):
+        some = guard.moved_by(joint)
+        kept = [some.scene.names(pair) for pair in some.scene.pairs]
+        rng, moved = np.random.default_rng(joint), set()
+        for _ in range(40):
+            q = np.repeat(rng.uniform(-1.5, 1.5, (1, 3)), 2, axis=0)
+            q[1, joint] += 0.4
+            before, after = nearest(guard.scene, q).distance
+            moved |= {names[k] for k in np.flatnonzero(abs(after - before) > 1e-6)}
+        assert moved <= set(kept) and len(kept) == count
+        spare = {names[k]: more for k, more in guard.spare.items() if names[k] in kept}
+        assert {kept[k]: more for k, more in some.spare.items()} == spare

@@ -120,6 +120,19 @@ def test_distances_along_a_path_are_those_of_each_pose_where_bodies_are_near():
     assert sum(queries) < 0.6 * every.distance.size  # and cost less
 
 
+def test_a_path_on_which_no_bodies_come_near_is_clear():
+    scene = build_scene(
+        arm(3),
+        [
+            Body("fore", Sphere(0.05), "link3", translation=[0.2, 0.0, 0.0]),
+            Body("post", Sphere(0.1), translation=[9.0, 0.0, 0.0]),
+        ],
+    )
+    guard = ClearanceGuard(scene)
+    basis, time, variables = moving(guard, 31)
+    assert guard.kept(basis.motion(variables, time))
+
+
 def test_a_path_is_clear_if_no_pose_of_it_is_too_near():
     guard = guarded()
     basis, time, variables = moving(guard, 241)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from consistent_id import DHRow, ProblemError, from_modified_dh
-from consistent_id.motion.limits import motion_limits
+from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.robot import JointLimits
 
 
@@ -58,3 +58,20 @@ def test_a_continuous_joint_gets_one_turn():
 def test_limits_that_leave_no_motion_or_any_name_joint_and_limit(own, given, says):
     with pytest.raises(ProblemError, match=says):
         motion_limits(arm(own), **given)
+
+
+def test_all_joints_with_the_same_fault_are_named_at_once():
+    known = {
+        "joints": ("hip", "knee", "toe"),
+        "lower": [-1.0, 0.0, 0.0],
+        "upper": [1.0, 0.0, 0.0],
+    }
+    endless = [np.inf] * 3
+    with pytest.raises(ProblemError, match=r"'knee' \(and likewise 'toe'\): lower"):
+        MotionLimits(
+            **known,
+            velocity=[1.0] * 3,
+            acceleration=endless,
+            jerk=endless,
+            effort=endless,
+        )

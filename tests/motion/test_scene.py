@@ -54,6 +54,8 @@ def test_an_obstacle_that_always_touches_is_refused_unless_it_is_allowed():
     bodies = [Body("floor", Box((1, 1, 1))), _ball("link1")]
     with pytest.raises(ProblemError, match="'floor' and 'ball on link1': they touch"):
         build_scene(ARM, bodies)
+    with pytest.raises(ProblemError, match=r"at least \d+ mm deep; .*--ground"):
+        build_scene(ARM, bodies)
     scene = build_scene(ARM, bodies, allowed=[("floor", "link1")])
     assert not scene.pairs and "allowed" in scene.notes[0].reason
 

@@ -105,6 +105,7 @@ def test_a_command_reaches_its_drive_before_the_next_is_sent(tmp_path):
     urdf, logs = commanded_logs(tmp_path, 1.0, late=0.017)
     draft = draft_problem(urdf, logs, gains=GAINS, select=False, cutoff=10.0)
     assert draft.delay == 0.01
+    assert "longest delay that is tried, one sample" in draft.text(tmp_path)
 
 
 @pytest.mark.slow

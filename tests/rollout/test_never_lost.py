@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+import mujoco
 from commanded_leg import write_leg
 
 from consistent_id import load_problem
@@ -15,7 +16,8 @@ from consistent_id.errors import RecordingError
 from consistent_id.problems.study import Study
 from consistent_id.rollout import chosen_settings, problem_rollout, refine
 from consistent_id.rollout.problem_rollout import rollout_of
-from consistent_id.rollout.settings import slow_and_fast, torque_fit
+from consistent_id.rollout.rollout_slopes import finite_changes
+from consistent_id.rollout.settings import replay_errors, slow_and_fast, torque_fit
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +70,56 @@ def test_a_step_to_a_motion_that_diverges_is_halved():
     )
     x, size = refine._descended(start, (np.zeros(1), 1.0), np.ones(1))
     assert x == 0.5 and size == 0.5
+
+
+def test_a_motion_that_diverges_is_an_error_and_mujoco_writes_nothing(
+    problem, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)  # where it would write its MUJOCO_LOG.TXT
+    estimate, _ = unstable(problem)
+    with pytest.raises(RecordingError, match="diverges"):
+        replay_errors(problem, estimate, problem.logs("training"))
+    assert capfd.readouterr().err == "" and not list(tmp_path.iterdir())
+    assert mujoco.get_mju_user_warning() is None
+
+
+def test_a_users_own_handler_of_warnings_stays(problem):
+    seen = []
+    mujoco.set_mju_user_warning(seen.append)
+    try:
+        estimate, _ = unstable(problem)
+        with pytest.raises(RecordingError, match="diverges"):
+            replay_errors(problem, estimate, problem.logs("training"))
+        assert seen and mujoco.get_mju_user_warning() is not None
+    finally:
+        mujoco.set_mju_user_warning(None)
+
+
+def test_a_robot_without_inertia_diverges(problem):
+    estimate, _ = torque_fit(problem)
+    x = estimate.parameters.copy()
+    x[estimate.model.layout.names.index("shank.hx")] = 1e15
+    lost = replace(estimate, parameters=x)
+    with pytest.raises(RecordingError, match="diverges"):
+        replay_errors(problem, lost, problem.logs("training"))
+
+
+def test_parameters_that_torque_feels_by_rounding_alone_have_no_finite_step(problem):
+    _, regression = torque_fit(problem)
+    place = regression.layout.names.index("thigh.hx")
+    factors = []
+    for factor in regression.factors:
+        changed = np.array(factor)
+        changed[:, place] *= 1e-15
+        factors.append(changed)
+    assert np.isfinite(finite_changes(regression)[place])
+    known = SimpleNamespace(
+        layout=regression.layout,
+        factors=factors,
+        counts=regression.counts,
+        torque_rms=regression.torque_rms,
+    )
+    assert np.isinf(finite_changes(known)[place])
 
 
 @pytest.mark.slow

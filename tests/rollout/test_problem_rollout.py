@@ -21,7 +21,7 @@ mujoco = pytest.importorskip("mujoco")
 from commanded_leg import PROBLEM, write_leg  # noqa: E402
 
 from consistent_id.problems.study import Study  # noqa: E402
-from consistent_id.rollout import refine, rollout  # noqa: E402
+from consistent_id.rollout import rollout, rollout_slopes  # noqa: E402
 from consistent_id.rollout.chosen_settings import (  # noqa: E402
     RIDGES,
     _Candidates,
@@ -33,10 +33,8 @@ from consistent_id.rollout.chosen_settings import (  # noqa: E402
 from consistent_id.rollout.commanded_motion import replay  # noqa: E402
 from consistent_id.rollout.delay_search import MOST  # noqa: E402
 from consistent_id.rollout.problem_rollout import rollout_of  # noqa: E402
-from consistent_id.rollout.refine import (  # noqa: E402
-    Replays,
-)
 from consistent_id.rollout.replay_model import SEARCH_STEP  # noqa: E402
+from consistent_id.rollout.rollout_slopes import Replays  # noqa: E402
 from consistent_id.rollout.settings import (  # noqa: E402
     Settings,
     compared_fit,
@@ -243,7 +241,7 @@ def test_the_last_rollouts_are_remembered_and_no_others(folder, monkeypatch):
         done.append(given)
         return replay(*given, **more)
 
-    monkeypatch.setattr(refine, "replay", counted)
+    monkeypatch.setattr(rollout_slopes, "replay", counted)
     x = np.array(estimate.parameters)
     first, again = (replays.errors(x, 0.0) for _ in range(2))
     assert len(done) == 1 and again is first

@@ -16,7 +16,8 @@ from consistent_id.problems.study import Study
 from consistent_id.rollout import chosen_settings as chosen
 from consistent_id.rollout import problem_rollout, refine
 from consistent_id.rollout.problem_rollout import rollout_of
-from consistent_id.rollout.refine import Replays, full_step, refinement_start
+from consistent_id.rollout.refine import full_step, refinement_start
+from consistent_id.rollout.rollout_slopes import Replays
 from consistent_id.rollout.settings import Settings, torque_fit
 
 

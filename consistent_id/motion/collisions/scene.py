@@ -249,6 +249,18 @@ def joints_between(robot: RobotModel, first: int, second: int) -> tuple[int, ...
     )
 
 
+def moving_pairs(scene: Scene) -> BoolArray:
+    """Return which coordinates move which pairs' bodies, (pairs, coordinates)."""
+    robot = scene.robot
+    links = [place_of(robot, body).link for body in scene.bodies]
+    between = np.zeros((len(scene.pairs), len(robot.joints)))
+    for k, pair in enumerate(scene.pairs):
+        between[
+            k, list(joints_between(robot, links[pair.first], links[pair.second]))
+        ] = 1
+    return np.asarray(between @ abs(robot.joint_rates) > 0.0)
+
+
 def largest_change(
     places: BodyPlaces, pair: Pair, sample: IntArray, steps: Array
 ) -> Array:
@@ -292,7 +304,8 @@ class PairChange:
 
     def __init__(self, places: BodyPlaces, pairs: Sequence[Pair]) -> None:
         robot, carriers = places.links.robot, places.carriers
-        self._robot, self._ends = robot, np.array([(p.first, p.second) for p in pairs])
+        self._robot = robot
+        self._ends = np.array([(p.first, p.second) for p in pairs], dtype=np.intp)
         self._ends = self._ends.reshape(-1, 2)
         self._between = np.zeros((len(pairs), len(robot.joints)))
         for k, pair in enumerate(pairs):

@@ -270,9 +270,11 @@ def _sifted(scene: Scene, q: ArrayLike, relax: bool) -> Scene:
         if touching > _ALWAYS * len(distance):
             seen = f"they touch at {touching} of {len(distance)} random poses"
             if obstacle and touching == len(distance):
+                deep = f"at least {1e3 * abs(distance.max()):.0f} mm deep"
                 raise ProblemError(
-                    f"scene: bodies {names[0]!r} and {names[1]!r}: {seen}; move the "
-                    "obstacle, or name the pair in `allowed`"
+                    f"scene: bodies {names[0]!r} and {names[1]!r}: {seen}, {deep}; "
+                    "move the obstacle (a floor: a lower --ground), or name the pair "
+                    "in `allowed`"
                 )
             if not obstacle:
                 notes.append(PairNote(*names, False, seen))

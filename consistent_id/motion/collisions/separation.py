@@ -9,13 +9,14 @@ which is at most the true signed distance for any unit vector (negative: depth o
 penetration).  So a search that ended early is on the safe side.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, IntArray
+from consistent_id._support.arrays import Array, IntArray, Matrix
 from consistent_id.motion.collisions.bodies import HalfSpace, coal_geometry
 from consistent_id.motion.collisions.scene import (
     BodyPlaces,
@@ -147,13 +148,10 @@ def distances_along(
     """
     q = np.asarray(q, dtype=float)
     places = body_places(scene, link_places(scene.robot, q))
-    sample, which = (i.ravel() for i in np.indices((len(q), len(scene.pairs))))
-    ends = np.array([(p.first, p.second) for p in scene.pairs], dtype=np.intp)
-    gap, _ = balls_apart(places, sample, *ends.reshape(-1, 2)[which].T)
-    every = gap.reshape(len(q), len(scene.pairs))
+    every = _ball_gaps(places, scene.pairs)
     close = np.flatnonzero((every < near).any(axis=0))
     pairs, known = tuple(scene.pairs[k] for k in close), every[:, close]
-    near, change = near[close], PairChange(places, pairs)
+    near, change = near[close], None
     least = None if least is None else least[close]
     step, done = _STRIDE, np.arange(0, len(q), _STRIDE)
     while len(done):
@@ -164,6 +162,7 @@ def distances_along(
             return None
         step //= 2
         done = np.arange(step, len(q), 2 * step) if step else done[:0]
+        change = PairChange(places, pairs) if change is None else change
         for anchor in (done - step, done + step):
             inside = anchor < len(q)
             here, there = anchor[inside], done[inside]
@@ -265,6 +264,16 @@ def balls_apart(
     length = np.linalg.norm(way, axis=1)
     apart = length - places.radius[first] - places.radius[second]
     return apart, way / np.where(length > 0.0, length, 1.0)[:, None]
+
+
+def _ball_gaps(places: BodyPlaces, pairs: Sequence[Pair]) -> Matrix:
+    """Return the distances of balls around the bodies of pairs, (samples, pairs)."""
+    ends = np.array([(p.first, p.second) for p in pairs], dtype=np.intp).reshape(-1, 2)
+    first, second = ends.T
+    across = np.moveaxis(places.centre, 2, 0)
+    square = sum((x[:, second] - x[:, first]) ** 2 for x in across)
+    radius = places.radius
+    return np.asarray(np.sqrt(square) - radius[first] - radius[second])
 
 
 def _facing(far: Array, normal: Array, distance: Array, first_is_flat: Array) -> Array:
