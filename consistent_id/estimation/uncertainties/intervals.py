@@ -185,11 +185,9 @@ def _added(
     freedom = noise.freedoms(of_parameters)
     squared = noise.squared_misfit(of_parameters)
     if blocks is not None and blocks.freedom > 0.0:
-        added = blocks.squared_misfit
-        # [Satterthwaite1946]_
-        each = squared**2 / freedom + added**2 / blocks.freedom
-        squared = squared + added
-        freedom = squared**2 / each
+        squared = squared + blocks.squared_misfit
+        # The scatter may be found too small: as if it were all, as in standard errors.
+        freedom = np.full(len(squared), blocks.freedom)
     if shifts is not None:
         squared = squared + shifts.squared_misfit
     if joint:
