@@ -274,6 +274,17 @@ class ResidualNoise:
         """Return the same noise, its whole covariance with these degrees of freedom."""
         return replace(self, of_joints=(self.root,), level_freedom=np.array([freedom]))
 
+    def white(self, regression: Regression, base: BaseParameters) -> "ResidualNoise":
+        """Return white noise of each joint's `level` in its place."""
+        columns = list(base.independent)
+        rows = zip(regression.factors, regression.sigma, self.level, strict=True)
+        parts = tuple(
+            level / weight**2 * _product(factor[:, columns], self.steps)
+            for factor, weight, level in rows
+        )
+        root = triangle(np.asfortranarray(np.vstack(parts)))
+        return replace(self, inflation=root.T @ root, root=root, of_joints=parts)
+
     def squared_misfit(self, functionals: Matrix) -> Vector:
         """Return the squared misfit of one standard error of each functional.
 

@@ -10,20 +10,12 @@ from scipy.stats import t
 
 from consistent_id import DriveTerms, NotExcitedError, Recording, TorqueModel
 from consistent_id.constraints import FixedParameters
-from consistent_id.estimation.uncertainties.beyond_noise import (
-    FloatingBlocks,
-    ScatterCauses,
-)
 from consistent_id.estimation.uncertainties.block_scatter import (
     BlockScatter,
     _freedom,
     block_scatter,
 )
-from consistent_id.estimation.uncertainties.intervals import _added
-from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regression import build_regression
-from consistent_id.regression.residual_noise import unconstrained_fit
-from consistent_id.regression.segments import merged
 
 RATE, BLOCKS = 100.0, 24
 NOISE = 0.05
@@ -79,21 +71,6 @@ def test_of_noise_alone_little_scatter_is_left():
     # 24 blocks know a variance to 29 %; two such errors are 0.76 of a deviation.
     assert (known.between < 0.8 * single.noise).all()
     assert single.between.tolist() == [0.0, 0.0]
-
-
-def test_intervals_of_consistent_robots_take_the_quantile_of_the_blocks():
-    model, bodies, blocks, _ = found(0.05, count=6)
-    known = block_scatter(model, blocks, constraints=[bodies])
-    whole, base = merged(blocks), base_parameters(model)
-    noise = unconstrained_fit(whole, base).noise
-    between = 1e-3  # hardly any: it may be found too small
-    shares = np.zeros((2, len(model.layout)))
-    shares[0, -2:], shares[1, -2:] = between, 1.0
-    causes = ScatterCauses(noise, FloatingBlocks(known, *shares))
-    squared = noise.squared_misfit(base.lift(np.eye(len(base))))[-2:]
-    allowed = _added(causes, base, 0.95, joint=False)[-2:]
-    each = squared + between**2 / 6
-    assert allowed == pytest.approx(t.ppf(0.975, 5) ** 2 * each)
 
 
 @pytest.mark.slow

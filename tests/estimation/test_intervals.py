@@ -118,7 +118,7 @@ def test_without_constraints_profile_likelihood_is_students_interval(sigma):
 @pytest.mark.parametrize("joint", [False, True])
 @pytest.mark.parametrize("count", [1, 2, 9])
 def test_scatter_between_blocks_and_shifts_widen_the_interval(count, joint):
-    """Variances add; the degrees of freedom are Satterthwaite's."""
+    """Variances add; the degrees of freedom are the blocks', as of standard errors."""
     model, _, regression = noisy_pendulum()
     base = base_parameters(model)
     noise = unconstrained_fit(regression, base).noise
@@ -141,8 +141,7 @@ def test_scatter_between_blocks_and_shifts_widen_the_interval(count, joint):
     own, added = errors**2, between[kept] ** 2 / count
     freedom = np.full(4, noise.freedoms(base.lift(np.eye(4)))[kept])
     if count > 1:
-        freedom = (own + added) ** 2 / (own**2 / freedom + added**2 / (count - 1))
-        own = own + added
+        freedom, own = np.full(4, count - 1.0), own + added
     t = stdtrit(freedom, 0.975) ** 2
     ratio = 4 * fdtri(4, freedom, 0.95) if joint else t
     half = np.sqrt(ratio * (own + moves[kept] ** 2))

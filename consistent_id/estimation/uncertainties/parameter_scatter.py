@@ -206,6 +206,8 @@ def parameter_scatter(
     if scores.freedom is not None:
         of_segments = noise.with_freedom(scores.freedom)
         freedoms = linear_errors(base, of_segments, known).freedoms
+    if blocks is not None:  # `variance` has white noise, too: see `rows`
+        noise = noise.white(whole, base)
     found = ParameterScatter(
         variance, between, noise, scores.sentence, freedoms, errors, recordings
     ).with_blocks(blocks)
