@@ -316,17 +316,10 @@ class NamePattern:
 
 
 _OF_A_JOINT = {"measured", "meas", "msr", "mes", "actual", "act", "real", "ist"}
-_DOUBTFUL = {
-    "sim",
-    "simulated",
-    "model",
-    "nominal",
-    "ff",
-    "feedforward",
-    "set",
-    "rated",
-}
-_DOUBTFUL |= {"max", "min", "est", "estimated", "offset", "bias", "friction", "prev"}
+_DOUBTFUL = set(
+    "sim simulated model nominal ff feedforward set rated max min est estimated "
+    "offset bias friction prev".split()
+)
 _OF_A_MOTOR = {"motor", "rotor"}  # before the gear
 
 

@@ -111,6 +111,11 @@ class ServoLog:
         return float(np.median(np.diff(self.time)))
 
 
+def supply_of(log: ServoLog, nominal: float | None) -> float:
+    """Return a log's supply over the nominal one; 1 if either is not known."""
+    return 1.0 if nominal is None or log.volts is None else log.volts / nominal
+
+
 def with_position(log: ServoLog, joint: int, position: Vector) -> ServoLog:
     """Return a log with other positions of a joint, shape (samples,), [rad]."""
     positions = log.position.copy()
@@ -415,11 +420,6 @@ def _pieces(
             temperature=_means(cut["temperature"]) if "temperature" in cut else None,
             enabled=None if held is None else held[part],
         )
-
-
-def supply_of(log: ServoLog, nominal: float | None) -> float:
-    """Return a log's supply over the nominal one; 1 if either is not known."""
-    return 1.0 if nominal is None or log.volts is None else log.volts / nominal
 
 
 def _means(values: Matrix) -> Vector:

@@ -16,6 +16,7 @@ from consistent_id import (
     identify_log,
     load_robot,
 )
+from consistent_id.problems import drafting, select_model
 from consistent_id.problems.given_logs import given_logs
 
 
@@ -146,9 +147,16 @@ def test_what_is_no_log_is_refused_with_what_is_expected(arm):
 
 
 @pytest.mark.slow
-def test_what_judges_has_no_say_in_the_model(arm, tmp_path):
+def test_what_judges_has_no_say_in_the_model(arm, tmp_path, monkeypatch):
     """Of held-out logs, only clocks, gaps and missing values are used before."""
     urdf, log = arm
+    seen = []
+
+    def chosen(problem, **options):
+        seen.append(len(problem.validation))
+        return select_model(problem, **options)
+
+    monkeypatch.setattr(drafting, "select_model", chosen)
     judges = [arrays_of(log), arrays_of(log)]
     rng = np.random.default_rng(0)
     for name, values in judges[1].items():
@@ -161,6 +169,7 @@ def test_what_judges_has_no_say_in_the_model(arm, tmp_path):
         for judge in judges
     ]
     assert texts[0] == texts[1]
+    assert seen == [0, 0]  # the selection has no log for validation
 
 
 def test_a_log_at_a_url_is_fetched_into_the_cache(tmp_path, monkeypatch):

@@ -6,8 +6,9 @@
 are two small cone programmes for each parameter.  By default these are 95 % intervals
 by profile likelihood: ``added_i`` is the increase if ``x_i`` moves by ``t`` standard
 errors, with ``t`` the quantile of Student's distribution and noise correlated as the
-residuals are.  For all parameters at once (`joint`) it is ``p F``, in the limit
-``chi^2_p``.
+residuals are; with the scatter between blocks of a floating base's motion, noise and
+``t`` are those of standard errors.  For all parameters at once (`joint`) it is ``p F``,
+in the limit ``chi^2_p``.
 
 The ends are bounds from the solver's multipliers, not its final points: no robot that
 satisfies the constraints and fits within the slack has a value outside, unless it is a

@@ -38,7 +38,12 @@ from consistent_id.recordings.readers.printed_messages import (
     is_printed,
     named_columns,
 )
-from consistent_id.recordings.readers.text_files import encoding_notes, encoding_of
+from consistent_id.recordings.readers.text_files import (
+    SEPARATORS,
+    SPACE,
+    encoding_notes,
+    encoding_of,
+)
 from consistent_id.recordings.readers.text_numbers import (
     DateOrder,
     date_order,
@@ -54,8 +59,6 @@ from consistent_id.recordings.readers.used_rows import (
     omit_advice,
 )
 
-_SEPARATORS = (",", ";", "\t")
-_SPACE = " "  # separates where no other mark does: names may contain spaces
 _HEAD = 2**14  # characters that show whether there are dates
 _PIECE = 2**22  # characters of text that are read at a time
 _WITHOUT_NAMES = "column"
@@ -331,9 +334,9 @@ def _of_messages(header: _CsvHeader, text: str, start: int) -> _CsvHeader:
 
 def _marks(line: str) -> tuple[str, ...]:
     """Return the separators that a header may have."""
-    if any(mark in line for mark in _SEPARATORS) or _SPACE not in line.strip():
-        return _SEPARATORS
-    return (_SPACE,)
+    if any(mark in line for mark in SEPARATORS) or SPACE not in line.strip():
+        return SEPARATORS
+    return (SPACE,)
 
 
 def _split(lines: io.StringIO, start: int, separator: str) -> _CsvHeader:
@@ -345,7 +348,7 @@ def _split(lines: io.StringIO, start: int, separator: str) -> _CsvHeader:
     lines.seek(start)
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     names = tuple(name.strip() for name in next(reader, []))
-    if separator == _SPACE:
+    if separator == SPACE:
         names = tuple(filter(None, names))
     return _CsvHeader(names, separator, reader.line_num, lines.tell())
 
@@ -365,7 +368,7 @@ def _values(
         )
     at = {name: k for k, name in reversed(list(enumerate(header.names)))}
     places = [at[name] for name in names]
-    if header.separator == _SPACE:
+    if header.separator == SPACE:
         lines = body.replace("\r\n", "\n").replace("\r", "\n").split("\n")
         body = "\n".join(" ".join(line.split()) for line in lines)
     values = _fast(body, header, places, used.missing)

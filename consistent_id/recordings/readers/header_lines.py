@@ -10,13 +10,13 @@ import io
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from consistent_id.recordings.readers.text_files import SPACE, separator_of
 from consistent_id.recordings.readers.text_numbers import is_number
 from consistent_id.recordings.readers.units import is_any_unit
 
 _HEAD = 2**18  # characters in which a table begins
 _MOST = 200  # lines above a table
 _FEWEST = 3  # fields of a table whose header may have several lines
-_MARKS, _SPACE = ",;\t", " "
 SI_WORDS = {
     "s",
     "sec",
@@ -30,6 +30,8 @@ SI_WORDS = {
     "n*m",
     "n",
 }
+"""Units that change nothing, in lower case and without spaces."""
+
 _NOTHING = {"", "-", "1", "NA", "N/A", "NULL", "null", "None"}
 
 
@@ -88,7 +90,7 @@ def _found(text: str) -> _HeaderLines | None:
     rows = next((k for k in range(len(lines) - 1) if _begins(lines, k)), 0)
     if not rows or any(line.count('"') % 2 for line in lines[: rows + 1]):
         return None
-    mark = _mark(lines[rows])
+    mark = separator_of(lines[rows])
     width = len(_fields(lines[rows], mark))
     first = rows
     while first and not lines[first - 1].startswith("#"):
@@ -104,7 +106,7 @@ def _found(text: str) -> _HeaderLines | None:
 
 def _begins(lines: Sequence[str], k: int) -> bool:
     """Return whether two lines are rows of numbers with equally many fields."""
-    one, other = (_fields(line, _mark(lines[k])) for line in lines[k : k + 2])
+    one, other = (_fields(line, separator_of(lines[k])) for line in lines[k : k + 2])
     return len(one) == len(other) >= _FEWEST and all(map(_is_row, (one, other)))
 
 
@@ -114,13 +116,8 @@ def _is_row(fields: Sequence[str]) -> bool:
     return bool(said) and 2 * sum(map(is_number, said)) >= len(said)
 
 
-def _mark(line: str) -> str:
-    mark = max(_MARKS, key=line.count)
-    return mark if mark in line else _SPACE
-
-
 def _fields(line: str, mark: str) -> list[str]:
-    if mark == _SPACE:
+    if mark == SPACE:
         return line.split()
     reader = csv.reader([line], delimiter=mark, skipinitialspace=True)
     return [field.strip() for field in next(reader, [])]

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from consistent_id._support.arrays import BoolArray, IntArray, Matrix, Vector
 from consistent_id.recordings.column_words import channel_of, words
+from consistent_id.recordings.readers.text_files import SPACE, separator_of
 from consistent_id.recordings.readers.text_numbers import (
     date_order,
     decimal_mark,
@@ -44,7 +45,6 @@ _COMMON = 0.8  # least share of instants at which all joints have a row
 _OVERLAP = 0.8  # least share of the time that every joint covers
 _GAP = 3.0  # usual steps between samples, beyond which nothing is interpolated
 _DIGIT = re.compile(r"\d")
-_MARKS, _SPACE = ",;\t", " "
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -365,11 +365,10 @@ def _split(text: str) -> _SplitText:
     while text.startswith("#", start):
         start = text.find("\n", start) + 1 or len(text)
     head = text[start:].partition("\n")[0]
-    mark = max(_MARKS, key=head.count)
-    mark = mark if mark in head else _SPACE
+    mark = separator_of(head)
     lines = io.StringIO(text[start:], newline="")
     read = csv.reader(lines, delimiter=mark, skipinitialspace=True)
-    rows = ([cell.strip() for cell in row if cell or mark != _SPACE] for row in read)
+    rows = ([cell.strip() for cell in row if cell or mark != SPACE] for row in read)
     return _SplitText(tuple(next(rows, [])), rows, mark, text[:start])
 
 

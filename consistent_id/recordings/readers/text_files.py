@@ -1,4 +1,4 @@
-"""The encoding of a text file."""
+"""The encoding of a text file, and the separator of a table in it."""
 
 import codecs
 import re
@@ -8,6 +8,16 @@ from pathlib import Path
 _UTF_16, _WINDOWS = "utf-16", "cp1252"
 _CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 _HEAD = 2**22  # bytes that show the encoding
+
+SEPARATORS = (",", ";", "\t")
+SPACE = " "
+"""It separates where no other mark does: names may contain spaces."""
+
+
+def separator_of(line: str) -> str:
+    """Return the separator that stands in a line most often; else a space."""
+    mark = max(SEPARATORS, key=line.count)
+    return mark if mark in line else SPACE
 
 
 def encoding_of(path: Path) -> str:
