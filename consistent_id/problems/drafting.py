@@ -116,6 +116,7 @@ def drafted(
     stated.require_logs([*given.training, *given.validation])
     _require_kinds(stated.keep)
     logs = _logs_of(model, given, stated)
+    logs = replace(logs, notes=(*given.notes, *logs.notes))
     stated = logs.stated
     if stated.friction_velocity is None and stated.gains is not None:
         stated = replace(stated, friction_velocity=DRY)

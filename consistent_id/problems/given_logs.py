@@ -8,7 +8,7 @@ from typing import cast
 from consistent_id._support.arrays import Vector
 from consistent_id._support.files import local_path
 from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.recordings.readers.data_frames import ColumnTable
+from consistent_id.recordings.readers.data_frames import ColumnTable, as_wide_table
 from consistent_id.recordings.recording import Recording
 
 GivenLog = str | Path | ColumnTable | Recording
@@ -30,12 +30,15 @@ class GivenLogs:
     Parameters
     ----------
     tables : mapping of Path to ColumnTable
-        Tables in memory.
+        Tables in memory, with a row for each instant.
+    notes : tuple of str
+        Sentences on tables that had a row for each joint and instant.
     """
 
     training: tuple[Path, ...]
     validation: tuple[Path, ...]
     tables: Mapping[Path, ColumnTable]
+    notes: tuple[str, ...] = ()
 
 
 def given_logs(
@@ -56,9 +59,15 @@ def given_logs(
     every = [log for logs in roles for log in logs]
     names = {id(log): _path(log, number) for number, log in enumerate(every, 1)}
     _require_distinct([names[id(log)] for log in every])
-    tables = {names[id(log)]: _table(log) for log in every if not _is_file(log)}
+    found = {
+        names[id(log)]: as_wide_table(_table(log), str(names[id(log)]))
+        for log in every
+        if not _is_file(log)
+    }
+    tables = {path: table for path, (table, _) in found.items()}
+    notes = tuple(note for _, note in found.values() if note)
     first, second = (tuple(names[id(log)] for log in logs) for logs in roles)
-    return GivenLogs(first, second, tables)
+    return GivenLogs(first, second, tables, notes)
 
 
 def _several(logs: GivenLog | Sequence[GivenLog]) -> tuple[GivenLog, ...]:

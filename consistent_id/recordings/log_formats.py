@@ -7,7 +7,8 @@ entry says otherwise, ``array_names(path)``; that of a format of joint states ha
 ``chosen_topic(path, topic, joints)``; one that can be read piece by piece has
 ``read_batches(path, names, first)`` and, if that depends on the file,
 ``in_pieces(path)``; one whose files leave something open has ``notes(path)``, and
-``require_units(path, names)`` if that is the unit of the position.
+``require_units(path, names)`` if that is the unit of the position; one in which an
+array may be texts, and ``read_arrays`` has numbers alone, has ``labels(path, name)``.
 """
 
 from collections.abc import Sequence

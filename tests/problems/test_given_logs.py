@@ -84,6 +84,23 @@ def test_a_table_in_memory_is_read_as_its_file_is(arm, read_from_file, form):
     np.testing.assert_allclose(mine.torque, its.torque, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("form", [dict, as_pandas, as_arrow, as_polars, as_structured])
+def test_a_table_in_memory_may_be_long(arm, read_from_file, form):
+    (urdf, log), its = arm, read_from_file
+    wide, joints = arrays_of(log), its.joints
+    shape = (len(wide["time"]), len(joints))
+    long = {"time": np.repeat(wide["time"], len(joints))}
+    long["joint"] = np.tile(np.array(joints, dtype=object), shape[0])
+    for word, column in (("q", "position"), ("tau", "torque")):
+        each = np.column_stack([wide[f"{word}_{joint}"] for joint in joints])
+        long[column] = each.ravel()
+    draft = draft_problem(urdf, form(long), select=False, cutoff=10.0)
+    assert any("log-1 has a row for each instant" in note for note in draft.notes)
+    (mine,) = draft.problem().training
+    np.testing.assert_allclose(mine.position, its.position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(mine.torque, its.torque, rtol=0, atol=1e-12)
+
+
 def test_a_recording_is_a_log_too(arm):
     urdf, _ = arm
     model = TorqueModel(load_robot(urdf), DRIVE)

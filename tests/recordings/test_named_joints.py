@@ -141,15 +141,16 @@ def test_other_names_are_mapped_by_the_option_that_the_message_names(tmp_path):
     assert refused.value.options == "--names A2=shoulder A1=elbow"
 
 
-def test_a_long_table_of_parquet_is_read_side_by_side(tmp_path):
-    file = tmp_path / "log.parquet"
+@pytest.mark.parametrize("kind", ["parquet", "feather"])
+def test_a_long_table_of_arrow_is_read_side_by_side(tmp_path, kind):
+    file = tmp_path / f"log.{kind}"
     table = {
         "time": np.repeat(TIME, 2),
         "joint": OTHER * len(TIME),
         "position": POSITION[:, ::-1].ravel(),
         "effort": TORQUE[:, ::-1].ravel(),
     }
-    pq.write_table(pa.table(table), file)
+    {"parquet": pq.write_table, "feather": write_feather}[kind](pa.table(table), file)
     assert_is_read(file)
     (note,) = log_format(file).notes(file)
     assert "each of elbow, shoulder: they are read side by side" in note

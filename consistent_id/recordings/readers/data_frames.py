@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import Columns, require, wanted
+from consistent_id.recordings.readers.long_tables import may_name, side_by_side
 from consistent_id.recordings.readers.named_arrays import (
     LogName,
     parts_of,
@@ -78,6 +79,24 @@ def recording_from(
         torque_gain=torque_gain,
         rows=UsedRows(omit, duplicates, missing),
     )
+
+
+def as_wide_table(table: ColumnTable, name: str) -> tuple[ColumnTable, str]:
+    """Return a table with a row for each instant, and a sentence if it is another.
+
+    Parameters
+    ----------
+    table : ColumnTable
+        Perhaps a long one, with a row for each joint and instant.
+    name : str
+        Name of the table; used in messages.
+    """
+    names = [column for column in _names(table, name) if isinstance(column, str)]
+    if not any(may_name(column, names) for column in names):
+        return table, ""
+    every = {column: _array(table[column], column, name) for column in names}
+    found = side_by_side({n: values for n, values in every.items() if values.ndim == 1})
+    return (table, "") if found is None else (found[0], found[1].sentence(name))
 
 
 def table_names(table: ColumnTable, name: str) -> tuple[str, ...]:

@@ -5,10 +5,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
+from consistent_id.recordings.readers.long_tables import LongOrder, side_by_side
 from consistent_id.recordings.readers.named_arrays import Arrays
-from consistent_id.recordings.readers.parquet import columns_of, numbers_of
+from consistent_id.recordings.readers.parquet import (
+    columns_of,
+    naming_columns,
+    number_columns,
+    numbers_of,
+)
 
 _FILE = b"ARROW1"  # how the file format begins; a stream has no mark of its own
 
@@ -22,6 +30,9 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
         If the file is not Arrow's, or a column is missing or does not contain numbers.
     """
     known, table = _columns(path)
+    if (long := _long(path, table)) is not None:
+        require(str(path), names, tuple(long[0]))
+        return {name: long[0][name] for name in names}
     require(str(path), names, known)
     return {name: numbers_of(table[name], f"{path}: column {name!r}") for name in names}
 
@@ -55,9 +66,35 @@ def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Array
             first = max(first - len(batch), 0)
 
 
+def in_pieces(path: Path) -> bool:
+    """Return whether a file can be read piece by piece: unless it is a long table."""
+    return not naming_columns(_columns(path)[1].schema)
+
+
+def notes(path: Path) -> tuple[str, ...]:
+    """Return a sentence on a table with a row for each joint, if it is one."""
+    long = _long(path, _columns(path)[1])
+    return () if long is None else (long[1].sentence(path.name),)
+
+
+def _long(path: Path, table: Any) -> tuple[dict[str, np.ndarray], LongOrder] | None:
+    """Return a table with a row for each joint side by side; None of others."""
+    if not (likely := naming_columns(table.schema)):
+        return None
+    columns = {
+        name: numbers_of(table[name], f"{path}: column {name!r}")
+        for name in number_columns(table.schema)
+    }
+    for name in likely:
+        columns[name] = np.array(table[name].to_pylist(), dtype=object)
+    return side_by_side(columns)
+
+
 def array_names(path: Path) -> tuple[str, ...]:
-    """Return the names of the columns."""
-    return tuple(_columns(path)[0])
+    """Return the names of the columns, of a long table side by side."""
+    known, table = _columns(path)
+    long = _long(path, table)
+    return known if long is None else tuple(long[0])
 
 
 def _columns(path: Path) -> tuple[tuple[str, ...], Any]:

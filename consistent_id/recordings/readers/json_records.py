@@ -16,11 +16,7 @@ import numpy as np
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
-from consistent_id.recordings.readers.long_tables import (
-    LongOrder,
-    joint_column,
-    wide_columns,
-)
+from consistent_id.recordings.readers.long_tables import LongOrder, side_by_side
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.text_numbers import number
 from consistent_id.recordings.readers.units import is_time
@@ -52,7 +48,7 @@ def notes(path: Path) -> tuple[str, ...]:
     content = _content(path)
     if not isinstance(content, list) or not all(isinstance(r, dict) for r in content):
         return ()
-    found = _side_by_side(_lists(content))
+    found = _long(_lists(content))
     return () if found is None else (found[1].sentence(path.name),)
 
 
@@ -78,27 +74,27 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
             "or an object in each line"
         )
     lists = _lists(content)
-    found = _side_by_side(lists)
+    found = _long(lists)
     return _numbers(lists) if found is None else found[0]
 
 
-def _side_by_side(
+def _long(
     lists: Mapping[str, list[Any]],
 ) -> tuple[dict[str, np.ndarray], LongOrder] | None:
     """Return records of a joint each as arrays of all joints; None of others."""
     texts = {
-        name: [str(value) for value in values]
+        name: np.array([str(value) for value in values], dtype=object)
         for name, values in lists.items()
         if all(isinstance(value, str | int) for value in values)
+        and any(isinstance(value, str) for value in values)
     }
-    found = {name: a for name, a in _numbers(lists).items() if a.ndim == 1}
-    names = tuple(name for name in lists if name in texts or name in found)
-    cells = {name: texts.get(name) or list(map(str, found[name])) for name in names}
-    if not (key := joint_column(names, cells)):
-        return None
-    named = {key: np.array(texts.get(key, ()), dtype=object)}
-    rest = {name: values for name, values in found.items() if name != key}
-    return wide_columns((*rest, key), rest | named, key)
+    whole = {
+        name: np.array(values)
+        for name, values in lists.items()
+        if all(isinstance(value, int) for value in values)
+    }
+    numbers = {name: a for name, a in _numbers(lists).items() if a.ndim == 1}
+    return side_by_side(texts | numbers | whole)
 
 
 def _content(path: Path) -> Any:

@@ -283,6 +283,34 @@ def wide_columns(
     return wide, order
 
 
+def side_by_side(
+    columns: Mapping[str, NDArray[Any]],
+) -> tuple[dict[str, NDArray[Any]], LongOrder] | None:
+    """Return a long table with a row for each instant, and its order; None of others.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray, shape (rows,)
+        Numbers, or texts as objects; of the texts, only joints or signals are used.
+    """
+    names = tuple(columns)
+    if not (likely := [name for name in names if may_name(name, names)]):
+        return None
+    cells = {
+        name: ["" if value is None else str(value) for value in columns[name].tolist()]
+        for name in (*likely, *_clock_of(names))
+    }
+    if not (key := joint_column(names, cells)):
+        return None
+    used = {
+        name: values
+        for name, values in columns.items()
+        if values.dtype.kind not in "OSU"
+    }
+    used[key] = np.array(cells[key], dtype=object)
+    return wide_columns(tuple(used), used, key)
+
+
 def _clock_of(names: Sequence[str]) -> tuple[str, ...]:
     """Return the clock's columns: one by its name, or two; none if there is none."""
     split = split_clock(names)

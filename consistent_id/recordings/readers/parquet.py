@@ -11,9 +11,8 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.long_tables import (
     LongOrder,
-    joint_column,
     may_name,
-    wide_columns,
+    side_by_side,
 )
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.used_rows import BREAK
@@ -178,7 +177,7 @@ def columns_of(batch: Any, names: Sequence[str], path: Path) -> Arrays:
 
 def in_pieces(path: Path) -> bool:
     """Return whether a file can be read piece by piece: unless it is a long table."""
-    return not _long_names(path)
+    return not naming_columns(_schema(path))
 
 
 def notes(path: Path) -> tuple[str, ...]:
@@ -187,11 +186,10 @@ def notes(path: Path) -> tuple[str, ...]:
     return () if long is None else (long[1].sentence(path.name),)
 
 
-def _long_names(path: Path) -> list[str]:
+def naming_columns(schema: Any) -> list[str]:
     """Return the columns of text that may name the joint of each row."""
     import pyarrow as pa
 
-    schema = _schema(path)
     texts = (pa.types.is_string, pa.types.is_large_string, pa.types.is_dictionary)
     return [
         name
@@ -200,34 +198,36 @@ def _long_names(path: Path) -> list[str]:
     ]
 
 
-def _long(path: Path) -> tuple[dict[str, np.ndarray], LongOrder] | None:
-    """Return a table with a row for each joint side by side; None of other files."""
+def number_columns(schema: Any) -> list[str]:
+    """Return the columns with a number in each row."""
     import pyarrow as pa
 
-    if not (likely := _long_names(path)):
-        return None
-    schema = _schema(path)
-    flat = [
+    return [
         name
         for name, kind in zip(schema.names, schema.types, strict=True)
         if pa.types.is_primitive(kind) and not pa.types.is_boolean(kind)
     ]
-    arrays = dict(read_columns(path, flat))
-    texts = {name: _texts(path, name) for name in likely}
-    arrays |= {name: np.array(cells, dtype=object) for name, cells in texts.items()}
-    cells = {
-        name: texts.get(name) or values.tolist() for name, values in arrays.items()
-    }
-    key = joint_column(tuple(arrays), cells)
-    rest = {n: v for n, v in arrays.items() if n == key or n not in texts}
-    return wide_columns(tuple(rest), rest, key) if key else None
 
 
-def _texts(path: Path, name: str) -> list[str]:
+def _long(path: Path) -> tuple[dict[str, np.ndarray], LongOrder] | None:
+    """Return a table with a row for each joint side by side; None of other files."""
+    schema = _schema(path)
+    if not (likely := naming_columns(schema)):
+        return None
+    columns = dict(read_columns(path, number_columns(schema)))
+    columns |= {name: _texts(path, name) for name in likely}
+    return side_by_side(columns)
+
+
+def _texts(path: Path, name: str) -> np.ndarray:
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    column = pq.read_table(path, columns=[name])[name]
-    return ["" if value is None else str(value) for value in column.to_pylist()]
+    try:
+        column = pq.read_table(path, columns=[name])[name]
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
+        raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
+    return np.array(column.to_pylist(), dtype=object)
 
 
 def array_names(path: Path) -> tuple[str, ...]:
