@@ -180,7 +180,8 @@ def diagnose(
         logs = [
             rows(log) for log in own if not _has_faults(signal_findings(model, log))
         ]
-        others = _of_another_robot(model, logs, constraints, unit_known=not units)
+        sized = _without_wrong_gains(model, found)
+        others = _of_another_robot(sized, logs, constraints, unit_known=not units)
         # It comes before its effects, and is not graver than they are.
         first = max(f.score for f in found)
         severity = min((f.severity for f in signs), key=["fault", "warning"].index)
@@ -188,6 +189,20 @@ def diagnose(
     names = {log.name for log in looked_at[len(training) :]}
     found = _of_short_validation(found, names - {log.name for log in training})
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
+
+
+def _without_wrong_gains(
+    model: TorqueModel, found: Sequence[LogFinding]
+) -> TorqueModel:
+    """Return a model without the torque of joints that have a wrong gain.
+
+    Such a torque says nothing about bodies.  Another robot's bodies differ in the
+    torque of the other joints, too.
+    """
+    faults = [f for f in found if f.severity == "fault" and f.kind == "torque gain"]
+    wrong = {f.where for f in faults if f.recording}
+    kept = tuple(name for name in model.torque_joints if name not in wrong)
+    return replace(model, torque_joints=kept) if kept else model
 
 
 def _explains(finding: LogFinding) -> bool:
