@@ -246,7 +246,7 @@ def _coupled_drives(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[
     motor of joint i has the torque ``tau_i - s tau_j``.
     """
     for change in _torques_of_coupled_drives(joints, places):
-        motion = np.linalg.inv(change.matrix).T
+        motion = (2.0 * np.eye(len(joints)) - change.matrix).T  # its inverse, turned
         turns = "sum" if change.size > 0.0 else "difference"
         yield change._replace(matrix=motion, unit=turns, of_torque=change.matrix)
 
