@@ -1,8 +1,6 @@
 """Faults in the recordings of a robot, each by itself and all together.
 
-Validation is also compared with training (`leak_findings`).  A repeated period may be
-sampled at other phases and another rate, so that spans of one recording are laid over
-the other at the time at which they fit best.
+Validation is also compared with training (`leak_findings`).
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -10,13 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint, FixedMasses
 from consistent_id.constraints.priors import nominal_distance
 from consistent_id.diagnosis.changes import change_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import saturation_findings
+from consistent_id.diagnosis.encoder_scales import (
+    scale_instead,
+    together,
+)
 from consistent_id.diagnosis.explain import (
     RUBS,
     SAMPLES,
@@ -28,6 +30,7 @@ from consistent_id.diagnosis.explain import (
 from consistent_id.diagnosis.factor_findings import doubted
 from consistent_id.diagnosis.factor_rows import FactorLogs, FactorRows
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
+from consistent_id.diagnosis.leaks import leak_findings
 from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.one_log import (
     OpenLog,
@@ -42,6 +45,7 @@ from consistent_id.diagnosis.signal_faults import (
     spike_findings,
 )
 from consistent_id.diagnosis.small_shifts import (
+    Moved,
     hidden_zeros,
     lag_findings,
     moved_channels,
@@ -60,7 +64,7 @@ from consistent_id.diagnosis.wrong_units import (
 )
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.penalised import penalised_fit
-from consistent_id.recordings.recording import Recording, positions_at
+from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
@@ -180,7 +184,8 @@ def diagnose(
         logs = [
             rows(log) for log in own if not _has_faults(signal_findings(model, log))
         ]
-        others = _of_another_robot(model, logs, constraints, unit_known=not units)
+        sized = _without_wrong_gains(model, found)
+        others = _of_another_robot(sized, logs, constraints, unit_known=not units)
         # It comes before its effects, and is not graver than they are.
         first = max(f.score for f in found)
         severity = min((f.severity for f in signs), key=["fault", "warning"].index)
@@ -188,6 +193,20 @@ def diagnose(
     names = {log.name for log in looked_at[len(training) :]}
     found = _of_short_validation(found, names - {log.name for log in training})
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
+
+
+def _without_wrong_gains(
+    model: TorqueModel, found: Sequence[LogFinding]
+) -> TorqueModel:
+    """Return a model without the torque of joints that have a wrong gain.
+
+    Such a torque says nothing about bodies.  Another robot's bodies differ in the
+    torque of the other joints, too.
+    """
+    faults = [f for f in found if f.severity == "fault" and f.kind == "torque gain"]
+    wrong = {f.where for f in faults if f.recording}
+    kept = tuple(name for name in model.torque_joints if name not in wrong)
+    return replace(model, torque_joints=kept) if kept else model
 
 
 def _explains(finding: LogFinding) -> bool:
@@ -314,6 +333,9 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
             else f
             for f in more
         ]
+    if len(alike) == 1:
+        (logs,) = alike.values()
+        shifts = scale_instead(logs, shifts, _left)
     shown = any(f.severity == "fault" for f in shifts)
     lost = not shown and any(f.severity == "fault" for o in open_ for f in o.odd)
     found = [f for f in shifts if not (lost and f.severity == "warning")]
@@ -351,10 +373,7 @@ def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
     """
     model = logs[0].factors.model
     try:
-        moved = moved_channels(
-            model,
-            lambda sizes: [_linearised(corrected_shifts(log, sizes)) for log in logs],
-        )
+        moved = _moved(logs)
     except (InfeasibleError, SolverError):
         return []  # no robot explains the corrected logs: there is no correction
     lags = [
@@ -370,6 +389,23 @@ def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
     elif found and _contradicted_shifts(logs, moved.sizes):
         found = [doubted(f) for f in found]
     return [*found, *hidden_zeros(model, moved), *lags]
+
+
+def _moved(logs: Sequence[FittedLog]) -> Moved:
+    """Return the zeros and gains that all logs show."""
+    return moved_channels(
+        logs[0].factors.model,
+        lambda sizes: [_linearised(corrected_shifts(log, sizes)) for log in logs],
+    )
+
+
+def _left(logs: Sequence[FittedLog]) -> float:
+    """Return the misfit of all logs with corrected zeros and gains."""
+    try:
+        sizes = _moved(logs).sizes
+    except (InfeasibleError, SolverError):
+        return 0.0
+    return together([corrected_shifts(log, sizes).misfit for log in logs])
 
 
 def _contradicted_shifts(logs: Sequence[FittedLog], sizes: Vector) -> bool:
@@ -469,130 +505,3 @@ def _linearised(log: FittedLog) -> Linearised:
     distance = nominal_distance(model, "pullback", scaled.unit)
     x = penalised_fit(scaled, distance, _PULL).solution.u * scaled.unit
     return linearised(model, x, log.recording, log.factors.base)
-
-
-_SAME = 2e-3  # share of a joint's range within which two positions are equal
-_MOVED = 10.0  # times that: least travel of some joint within a span
-_SPANS = 40  # spans of a recording, each half a second or longer
-_SHORTEST = 0.5  # s
-_POINTS = 25  # samples of a span at which positions are compared
-_RATE = 200.0  # Hz: a higher rate shows no more
-_STARTS = 20  # places in the other recording at which a span is tried
-_REPEATED = 0.1  # least share of rows or moving spans that is reported
-
-
-def leak_findings(
-    training: Sequence[Recording], validation: Sequence[Recording]
-) -> list[LogFinding]:
-    """Find validation rows and validation motions that are also in training.
-
-    Equal rows are a fault.  A motion that is played again is a common experiment, with
-    noise of its own: a note.
-    """
-    found = []
-    for log in validation:
-        for earlier in training:
-            if (share := shared_rows(log, earlier)) >= _REPEATED:
-                found.append(_leak(log, earlier, share))
-            elif (share := repeated_share(log, earlier)) >= _REPEATED:
-                found.append(_repeated(log, earlier, share))
-    return found
-
-
-def _leak(log: Recording, earlier: Recording, share: float) -> LogFinding:
-    return LogFinding(
-        "leak",
-        "fault",
-        log.name,
-        f"{share:.0%} of the rows of {log.name} are also in {earlier.name}",
-        "validate with rows that were not used for training",
-        share / _REPEATED,
-        log.name,
-    )
-
-
-def _repeated(log: Recording, earlier: Recording, share: float) -> LogFinding:
-    return LogFinding(
-        "repeated motion",
-        "note",
-        log.name,
-        f"{share:.0%} of the motion of {log.name} repeats {earlier.name}, to within "
-        f"{_SAME:.1%} of the joints' ranges: split by whole periods, average or fold "
-        "them; another motion is a better test, because a repeated one has the same "
-        "model errors and differs only in noise",
-        "also validate with another motion",
-        share / _REPEATED,
-        log.name,
-    )
-
-
-def shared_rows(validation: Recording, training: Recording) -> float:
-    """Return the share of a recording's rows that are also in another.
-
-    Rows are equal if positions and torque are equal in every digit; without torque, if
-    positions and time are.
-    """
-    rows, others = (
-        {row.tobytes() for row in _rows(log.of(training.joints), with_torque)}
-        for with_torque in (
-            validation.torque is not None and training.torque is not None,
-        )
-        for log in (validation, training)
-    )
-    return len(rows & others) / len(rows)
-
-
-def _rows(recording: Recording, with_torque: bool) -> Array:
-    beside = recording.torque if with_torque else recording.time[:, None]
-    return np.column_stack([recording.position, np.asarray(beside)]) + 0.0
-
-
-def repeated_share(validation: Recording, training: Recording) -> float:
-    """Return the share of a recording's moving spans that occur in another."""
-    training = training.samples(slice(None, None, max(int(training.rate / _RATE), 1)))
-    tolerance = _SAME * np.ptp(training.position, axis=0)
-    tolerance = np.where(tolerance > 0.0, tolerance, 1e-12)
-    length = max(_SHORTEST, validation.duration / _SPANS)
-    starts = validation.time[0] + length * np.arange(int(validation.duration / length))
-    moving = hits = 0
-    for start in starts:
-        lapse = np.linspace(0.0, length, _POINTS)
-        span = positions_at(validation.of(training.joints), start + lapse)
-        if (np.ptp(span, axis=0) > _MOVED * tolerance).any():
-            moving += 1
-            hits += _occurs(span, lapse, training, tolerance)
-    return hits / max(moving, 1)
-
-
-def _occurs(span: Array, lapse: Vector, training: Recording, tolerance: Vector) -> bool:
-    """Return whether a span occurs in a recording, at any time."""
-    steps = abs(np.diff(training.position, axis=0, append=training.position[-1:]))
-    away = abs(training.position - span[0])
-    near = np.flatnonzero((away <= tolerance + steps).all(axis=1))
-    nearest = near[np.argsort((away[near] / tolerance).max(axis=1))[:_STARTS]]
-    return any(
-        _lies_on(span, lapse, training, tolerance, float(training.time[i]))
-        for i in nearest
-    )
-
-
-def _lies_on(
-    span: Array, lapse: Vector, training: Recording, tolerance: Vector, start: float
-) -> bool:
-    """Return whether a span occurs near a start time.
-
-    The time is refined by Gauss-Newton.
-    """
-    last = training.time[-1] - lapse[-1]
-    for _ in range(3):
-        if not training.time[0] - lapse[1] <= start <= last + lapse[1]:
-            return False
-        there = positions_at(training, start + lapse)
-        if (abs(there - span) <= tolerance).all():
-            return True
-        rate = np.gradient(there, lapse, axis=0) / tolerance
-        size = float(np.sum(rate**2))
-        if size == 0.0:
-            return False
-        start += float(np.sum(rate * (span - there) / tolerance)) / size
-    return False

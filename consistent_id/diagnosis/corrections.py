@@ -2,7 +2,8 @@
 
 Each correction is an affine map of the torque channels, or of the motion channels.
 Preparation (resampling, filters, differences) treats all channels alike and keeps
-constants, so that the map can be applied afterwards: a log is prepared once.
+constants, so that the map can be applied afterwards: a log is prepared once.  Only near
+its ends, a sum of channels is prepared a little differently than they are.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +22,8 @@ class Change(NamedTuple):
     """A map of channels: ``values @ matrix``, and `shift` added to positions.
 
     `joints` are the indices of the joints it changes; empty means all joints.  `size`
-    and `unit` appear in sentences.
+    and `unit` appear in sentences.  `of_torque` is the torque's matrix, if it is
+    another one.
     """
 
     joints: tuple[int, ...]
@@ -29,6 +31,7 @@ class Change(NamedTuple):
     shift: Vector
     size: float = 1.0
     unit: str = ""
+    of_torque: Matrix | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +83,8 @@ class FaultKind:
     threshold : float
         Ratio of the log's misfit to the corrected log's above which it is reported.
     statement, advice : str
-        With the fields ``{joints}``, ``{size}`` and ``{unit}``.
+        With the fields ``{joints}``, ``{size}`` and ``{unit}``, and ``{first}`` and
+        ``{second}`` for two joints.
     changes : callable
         Function from the joints, and the indices of those whose channels may be wrong,
         to the changes that correct the fault.
@@ -128,17 +132,22 @@ class Correction:
 
     def _filled(self, text: str) -> str:
         size, unit = self.change.size, self.change.unit
-        return text.format(joints=self.where, size=size, unit=unit)
+        first, *others = self.where.split(", ")
+        second = others[0] if others else first
+        return text.format(
+            joints=self.where, size=size, unit=unit, first=first, second=second
+        )
 
     def applied(self, prepared: Recording) -> Recording:
         """Return a prepared recording without the fault."""
         matrix, shift = self.change.matrix, self.change.shift
+        of_torque = matrix if self.change.of_torque is None else self.change.of_torque
 
         def mapped(values: Matrix | None) -> Matrix | None:
             return None if values is None else values @ matrix
 
-        if self.fault.channels != "motion":
-            prepared = replace(prepared, torque=mapped(prepared.torque))
+        if self.fault.channels != "motion" and prepared.torque is not None:
+            prepared = replace(prepared, torque=prepared.torque @ of_torque)
         if self.fault.channels == "torque":
             return prepared
         return replace(
@@ -171,11 +180,15 @@ _ALL = "all joints"
 _QUARTERS = (90.0, -90.0, 180.0)  # degrees
 _NEAR = (0.8, 0.9, 1.1, 1.25)  # wrong gear ratios
 _SCALES = (0.01, 0.02, *_NEAR)  # or gear ratios that were left out
+_SIGNS = {1.0: "added to", -1.0: "subtracted from"}
 _UNITS = ((1e3, "kN m"), (1e-3, "N mm"))
 # Ratio of misfits: reversing a correct torque makes an error of twice the torque.  A
 # torque that fits about equally well both ways, such as one without its fast part, is
 # not reversed.
 _SIGN = 2.0
+# The same: without the torque of a joint that its motor turns against, the error is as
+# large as that torque.  Chance reaches 1.4 in a log of 3.6 s.
+_OF_DRIVES = 2.0
 
 
 def _scaling(joints: Sequence[Joint], places: Sequence[int], factor: float) -> Matrix:
@@ -214,6 +227,38 @@ def _exchanged(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Chang
         order = np.arange(len(joints))
         order[[i, j]] = j, i
         yield Change((i, j), np.eye(len(joints))[order], np.zeros(len(joints)))
+
+
+def _torques_of_coupled_drives(
+    joints: Sequence[Joint], places: Sequence[int]
+) -> Iterator[Change]:
+    for i, j in _in_sequence(joints, places):
+        for sign in (1.0, -1.0):
+            matrix = np.eye(len(joints))
+            matrix[j, i] = sign
+            yield Change((i, j), matrix, np.zeros(len(joints)), sign, _SIGNS[sign])
+
+
+def _coupled_drives(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Change]:
+    """Yield changes from motors to joints, of which power stays the same.
+
+    If the motor of joint j is in front of joint i, it turns by ``q_j + s q_i``, and the
+    motor of joint i has the torque ``tau_i - s tau_j``.
+    """
+    for change in _torques_of_coupled_drives(joints, places):
+        motion = (2.0 * np.eye(len(joints)) - change.matrix).T  # its inverse, turned
+        turns = "sum" if change.size > 0.0 else "difference"
+        yield change._replace(matrix=motion, unit=turns, of_torque=change.matrix)
+
+
+def _in_sequence(
+    joints: Sequence[Joint], places: Sequence[int]
+) -> Iterator[tuple[int, int]]:
+    """Yield joints of which one carries the other, if no joint follows another."""
+    for j in places:
+        i = joints[j].parent
+        if i in places and joints[i].kind == joints[j].kind:
+            yield i, j
 
 
 def _other_units(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Change]:
@@ -297,6 +342,25 @@ FAULT_KINDS = (
         "with the torques of {joints} exchanged",
         "name the torque columns in the order of the joints they belong to",
         _exchanged,
+    ),
+    FaultKind(
+        "coupled drives",
+        "torque",
+        _OF_DRIVES,
+        "with the torque of {second} {unit} that of {first}, as its motor is in front "
+        "of {first} (a belt or a rod)",
+        "compute the torque of {first} from the torques of both motors",
+        _torques_of_coupled_drives,
+    ),
+    FaultKind(
+        "coupled drives",
+        "both",
+        _OF_DRIVES,
+        "with positions and torques computed from those of the motors, as that of "
+        "{second} is in front of {first} (a belt or a rod) and turns by the {unit} of "
+        "both angles",
+        "compute positions and torques of both joints from those of the motors",
+        _coupled_drives,
     ),
     FaultKind(
         "torque unit",

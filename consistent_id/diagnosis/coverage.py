@@ -16,7 +16,7 @@ from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import is_uniform, uniform_rate
 from consistent_id.recordings.signals.derivatives import noise_gain
-from consistent_id.recordings.signals.drive_limits import saturated
+from consistent_id.recordings.signals.drive_limits import cut_off, saturated
 from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.recordings.signals.filters import low_passed
 from consistent_id.recordings.signals.masks import standstill
@@ -106,7 +106,7 @@ def in_motion(model: TorqueModel, prepared: Recording) -> TorqueModel:
 def saturation_findings(
     recording: Recording, limits: Mapping[str, float] | None = None
 ) -> list[LogFinding]:
-    """Find torques that stay at their largest value (`saturated`).
+    """Find torques that stay at their largest value (`saturated`, `cut_off`).
 
     Peaks that are cut off for less than 0.03 s each, such as those of noise, bias an
     estimate little: they are a warning.
@@ -119,7 +119,7 @@ def saturation_findings(
     """
     if recording.torque is None:
         return []
-    at_limit, limits = saturated(recording), limits or {}
+    at_limit, limits = saturated(recording) | cut_off(recording), limits or {}
     return [
         LogFinding(
             "saturation",

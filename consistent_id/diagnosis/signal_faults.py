@@ -92,7 +92,7 @@ def frozen_findings(recording: Recording) -> list[LogFinding]:
             run = longest_run(values[:, k])
             length = run.stop - run.start
             value = values[run.start, k]
-            limit = name == "torque" and abs(value) >= abs(values[:, k]).max() > 0.0
+            limit = name == "torque" and _at_limit(values[:, k], float(value))
             still = float(np.ptp(motion[run, k])) < least[k]
             # A torque that is always constant is dead, whether the joint moves or not.
             dead = name == "torque" and length == len(recording)
@@ -102,6 +102,20 @@ def frozen_findings(recording: Recording) -> list[LogFinding]:
             if length >= _FROZEN * len(recording):
                 found.append(_frozen(recording, joint, name, run, float(value)))
     return found
+
+
+def _at_limit(values: Vector, value: float) -> bool:
+    """Return whether a torque stays at a limit, where it is cut off.
+
+    No torque is larger.  If only one sign is limited, the torque leaves the limit and
+    comes back to it; a frozen channel does not.
+    """
+    if abs(value) >= abs(values).max() > 0.0:
+        return True
+    at = values == value
+    stays = at & np.roll(at, 1)  # two equal values in sequence
+    returns = int(np.count_nonzero(stays[1:] & ~stays[:-1])) > 1
+    return returns and value in (values.min(), values.max()) and value != 0.0
 
 
 def _between_steps(values: Vector, run: slice) -> bool:

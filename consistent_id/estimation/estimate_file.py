@@ -68,6 +68,7 @@ class FitRecord(msgspec.Struct):
     correlation: float | None = None
     spare: float | None = None
     guessed: float | None = None
+    friction_share: float | None = None
 
 
 class ReasonRecord(msgspec.Struct):

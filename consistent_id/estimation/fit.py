@@ -198,7 +198,9 @@ def _with_all_rows(model: TorqueModel) -> TorqueModel:
     return model if model.torque_joints == every.torque_joints else every
 
 
-_ALONE = ("misfit", "floor", "excess", "drive_share", "correlation", "spare", "guessed")
+_ALONE = tuple(
+    "misfit floor excess drive_share friction_share correlation spare guessed".split()
+)
 _PER_JOINT = tuple(
     "torque misfits shares slopes explained expected efforts moving holding "
     "prior_errors".split()
@@ -226,6 +228,8 @@ class Fit:
     drive_share : float
         RMS torque of the estimated drive terms over RMS torque, all joints stacked;
         NaN for a model without drive terms.
+    friction_share : float
+        The same of its friction terms alone; NaN for a model without any.
     correlation : float
         Samples that carry the information of one independent sample; NaN where it is
         not known.
@@ -267,6 +271,7 @@ class Fit:
     floor: float
     excess: float
     drive_share: float
+    friction_share: float
     correlation: float
     spare: float
     guessed: float
@@ -331,18 +336,21 @@ def fit_of(
     regression, rank = free.regression, free.solution.rank
     counts = np.array(regression.counts, dtype=np.float64)
     size = np.maximum(regression.torque_rms, np.finfo(float).tiny)
-    drive = np.append(x, 0.0)
-    drive[: model.layout.inertial_size] = 0.0
-    of_drive = np.array(
-        [np.linalg.norm(F @ drive) for F in regression.factors]
-    ) / np.sqrt(counts)
+    inertial = model.layout.inertial_size
+    of_drives = np.arange(len(x)) >= inertial
+    rubbing = [t.friction and t.nonnegative for t in model.column_terms]
+    rubs = np.append(np.zeros(inertial, bool), np.array(rubbing, bool))
     residual = regression.residual_rms(x)
     least = regression.residual_rms(free.parameters)
-    has_drive = len(model.layout) > model.layout.inertial_size
     effective = np.nan if regression.noise is None else regression.effective.sum()
 
     def stacked(rms: Vector) -> float:
         return float(np.sqrt((counts * rms**2).sum() / (counts * size**2).sum()))
+
+    def share(columns: BoolArray) -> float:
+        part = np.append(np.where(columns, x, 0.0), 0.0)
+        rms = [np.linalg.norm(F @ part) for F in regression.factors] / np.sqrt(counts)
+        return stacked(rms) if columns.any() else np.nan
 
     equalities = np.zeros((0, len(x))) if known is None else known
     guessed = guessed_share(model, free, x, equalities)
@@ -357,7 +365,8 @@ def fit_of(
         misfit=stacked(residual),
         floor=stacked(least),
         excess=_excess(regression, residual, least, rank),
-        drive_share=stacked(of_drive) if has_drive else np.nan,
+        drive_share=share(of_drives),
+        friction_share=share(rubs),
         correlation=float(counts.sum() / effective),
         spare=float(effective / max(rank, 1)),
         guessed=guessed,

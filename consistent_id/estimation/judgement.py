@@ -62,7 +62,7 @@ LEAST_MISFIT = 0.02  # least misfit that the held-out error is compared with
 NO_BETTER_THAN_ZERO = 1.0  # error of predicting zero torque
 SPARE_CARE = 3.0  # effective samples per parameter; clean logs above have 11-40
 GUESSED_CARE = 0.3  # clean logs: 0.00; rich ones of real arms: 0.03-0.15
-FRICTIONLESS = 0.01  # share of drive terms in the torque; drives have 10-80 %
+FRICTIONLESS = 0.01  # share of friction in the torque; drives have 10-80 %
 _WORDS: dict[str, Word] = {
     "fault": "do not use",
     "warning": "use with care",
@@ -342,12 +342,12 @@ def _of_channel(evidence: Evidence) -> Iterator[Reason]:
     if fit is None:
         return
     yield from effort_reasons(fit, evidence.usual_efforts)
-    if fit.drive_share < FRICTIONLESS:
+    if fit.friction_share < FRICTIONLESS:
         yield Reason(
             "no friction",
             "use with care",
-            f"friction and drives are {percent(fit.drive_share)} of the torque: the "
-            "channel may be compensated for friction",
+            f"friction is {percent(fit.friction_share)} of the torque: the channel may "
+            "be compensated for friction",
             "check the channel; accept this for a robot simulated without friction",
         )
 

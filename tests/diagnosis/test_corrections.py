@@ -39,6 +39,9 @@ PREPARATIONS = {
 }
 
 
+_OF_SUMS = 0.02  # error of a correction that adds channels, over their norm
+
+
 def _exchanged(values, i, j):
     values = values.copy()
     values[:, [i, j]] = values[:, [j, i]]
@@ -54,6 +57,13 @@ def _by_hand(correction, log):
         names = ["torque"] if channels != "motion" else []
         names += moving if channels != "torque" else []
         return replace(log, **{n: _exchanged(getattr(log, n), *places) for n in names})
+    if kind == "coupled drives":
+        (i, j), sign = places, correction.change.size
+        changed = {n: getattr(log, n).copy() for n in (*moving, "torque")}
+        changed["torque"][:, i] += sign * log.torque[:, j]
+        for n in moving if channels == "both" else ():
+            changed[n][:, j] -= sign * getattr(log, n)[:, i]
+        return replace(log, **changed)
     if kind in ("degrees", "position sign", "encoder scale"):
         scale = np.ones(len(JOINTS))
         size = {"degrees": np.pi / 180, "position sign": -1.0}
@@ -93,6 +103,10 @@ def test_a_correction_of_a_prepared_log_is_the_prepared_log_corrected(name):
             expected = getattr(slow, channel)
             size = tolerance * abs(expected).max(axis=0)
             error = abs(getattr(fast, channel) - expected)
+            if correction.fault.kind == "coupled drives":
+                # Ends, and noise, are those of each channel, and not of their sum.
+                assert np.linalg.norm(error) <= _OF_SUMS * np.linalg.norm(expected)
+                continue
             assert (error <= size).all(), (correction.statement, channel)
 
 
@@ -121,7 +135,8 @@ def test_factors_with_changed_torque_are_those_of_the_changed_log(measured):
         fit = np.linalg.lstsq(R[:, :-1], R[:, -1])[0]
         least = np.linalg.norm(R[:, :-1] @ fit - R[:, -1]) / np.sqrt(sum(slow.counts))
         assert changed.least_misfit() == pytest.approx(least, rel=1e-6)
-    assert kinds == {"torque sign", "channel order", "torque unit"}
+    drives = {"coupled drives"} if measured == JOINTS else set()
+    assert kinds == {"torque sign", "channel order", "torque unit"} | drives
 
 
 @pytest.mark.slow
@@ -202,11 +217,30 @@ def test_every_kind_of_the_table_occurs_and_fills_its_sentences():
     found = corrections(arm().robot, JOINTS)
     assert {c.fault for c in found} == set(FAULT_KINDS)
     signs, scales, degrees = 4 + 1 + 4, 4 * 6 + 1, 1 + 4
-    assert len(found) == signs + 3 * 6 + 2 + scales + degrees + 12
+    drives = 2 * 2 * 3  # two signs, with or without the motion, of joints in sequence
+    assert len(found) == signs + 3 * 6 + 2 + scales + degrees + 12 + drives
     assert not any(mark in c.statement + c.advice for c in found for mark in "{}")
     pairs = [", ".join(pair) for pair in combinations(JOINTS, 2)]
     exchanged = [c.where for c in found if c.fault.kind == "channel order"]
     assert exchanged == 3 * pairs
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moved", [False, True])
+def test_the_log_of_a_motor_in_front_of_the_joint_before_is_one_of_coupled_drives(
+    moved,
+):
+    log = clean_log(5)
+    torque, motion = log.torque.copy(), {}
+    torque[:, 1] -= torque[:, 2]  # the belt of joint 3 turns about joint 2
+    for name in ("position", "velocity") if moved else ():
+        motion[name] = getattr(log, name).copy()
+        motion[name][:, 2] += motion[name][:, 1]
+    coupled = replace(log, torque=torque, **motion)
+    found = diagnose(arm(), coupled, prepare=logs().prepared)
+    assert [(f.kind, f.where) for f in found.faults] == [
+        ("coupled drives", "joint2, joint3")
+    ]
 
 
 def test_misfits_of_scaled_torques_are_those_of_the_torques_scaled():

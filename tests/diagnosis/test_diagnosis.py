@@ -16,13 +16,13 @@ from consistent_id import (
 )
 from consistent_id.constraints import ParameterBounds
 from consistent_id.diagnosis import Diagnosis, LogFinding, diagnose
-from consistent_id.diagnosis.all_logs import leak_findings, repeated_share
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import (
     rank_findings,
     saturation_findings,
     standstill_findings,
 )
+from consistent_id.diagnosis.leaks import leak_findings, repeated_share
 from consistent_id.diagnosis.linearise import jackknife, linearised
 from consistent_id.diagnosis.small_shifts import estimate_lag, estimate_shifts
 from consistent_id.regression import base_parameters

@@ -48,6 +48,22 @@ def test_a_channel_that_stops_while_the_joint_moves_is_frozen(channel):
     assert "from 10 s" in finding.statement
 
 
+def test_a_torque_that_is_limited_on_one_side_is_saturated_and_not_frozen():
+    # Largest in size on the other side, where it is not limited.
+    def limited(torque):
+        return np.minimum(torque - np.median(torque), 0.2 * np.std(torque))
+
+    log = _with("torque", limited)
+    assert frozen_findings(log) == []
+    (finding,) = saturation_findings(log)
+    assert (finding.kind, finding.where) == ("saturation", "joint2")
+    # A channel that stops at its largest value does not come back to it.
+    (finding,) = frozen_findings(
+        _with("torque", lambda t: np.append(t[:2000], np.full(2000, t[:2000].max())))
+    )
+    assert finding.kind == "frozen channel"
+
+
 def test_a_joint_that_moves_by_less_than_its_encoder_reads_is_not_frozen():
     log = clean_log(0)
     # At the end the joint creeps by 0.04 rad, within one step of 0.05 rad.

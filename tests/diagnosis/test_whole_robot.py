@@ -223,6 +223,17 @@ def test_a_large_fault_that_explains_the_log_is_named_alone(kind, place, size, f
 
 
 @pytest.mark.slow
+def test_the_torque_of_one_motor_in_front_of_its_gear_makes_no_other_robot():
+    model, log = logged(6, spread=0.5)
+    torque = log.torque / np.where(np.arange(log.torque.shape[1]) == 1, 80.0, 1.0)
+    log = replace(log, torque=torque)
+    assert other_robot(_as_is(model, log)) != []
+    found = diagnose(model, [log]).findings
+    assert (found[0].kind, found[0].severity) == ("torque gain", "fault")
+    assert all(f.kind != "another robot" for f in found)
+
+
+@pytest.mark.slow
 def test_a_load_of_negative_mass_explains_nothing():
     model, log = logged(5, spread=0.5)
     n = 10 * len(model.robot.links)

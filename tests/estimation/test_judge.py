@@ -754,6 +754,10 @@ def test_figures_of_a_fit_are_those_of_its_samples():
     assert found.floor == pytest.approx(np.linalg.norm(least) / torque)
     drive = np.linalg.norm(log.torque - left(friction)) / torque
     assert 0.01 < found.drive_share == pytest.approx(drive)
+    rubs = [n.endswith(("viscous", "coulomb")) for n in arm.layout.names]
+    rubbing = np.linalg.norm(log.torque - left(np.where(rubs, truth, 0.0))) / torque
+    assert found.friction_share == pytest.approx(rubbing)
+    assert 0.0 < rubbing < drive
     np.testing.assert_allclose(found.torque, rms(log.torque))
     np.testing.assert_allclose(found.misfits, rms(misses) / rms(log.torque))
     kinds = [log.torque[:, kind] for kind in (arm.forces, ~arm.forces)]

@@ -16,6 +16,7 @@ def fit(joints=JOINTS, **changes):
         "floor": 0.06,
         "excess": 1.0,
         "drive_share": 0.3,
+        "friction_share": 0.3,
         "correlation": 1.0,
         "spare": 100.0,
         "guessed": 0.0,

@@ -73,6 +73,22 @@ def saturated(recording: Recording, limit: ArrayLike | None = None) -> BoolArray
     return np.column_stack([_limited(tau, step, moves) for tau in torque.T])
 
 
+def cut_off(recording: Recording) -> BoolArray:
+    """Return where a channel ends at a value of one sign, shape (samples, joints).
+
+    Drives have limits of both signs, near a joint's largest torque (`saturated`). A
+    channel may also lose all torque beyond a value of one sign, however small: this
+    value is then read 5 times as often as each of the next three.  A torque of zero is
+    that of a drive that is off.
+    """
+    step = float(np.median(np.diff(recording.time)))
+    moves, found = _robot_moves(recording), []
+    for tau in np.asarray(recording.torque).T:
+        least = max(round(_PLATEAU / step), _READINGS * held_samples(tau))
+        found.append(_tied(tau, moves, least, nearest=-1.0))
+    return np.column_stack(found)
+
+
 def beyond_speed(recording: Recording, limit: ArrayLike) -> BoolArray:
     """Return where each joint is faster than a limit, shape (samples, joints).
 
@@ -174,21 +190,24 @@ def _limited(tau: Vector, step: float, moves: BoolArray) -> BoolArray:
     return _tied(tau, moves, least)
 
 
-def _tied(tau: Vector, moves: BoolArray, least: int) -> BoolArray:
+def _tied(
+    tau: Vector, moves: BoolArray, least: int, nearest: float = _NEAR_PEAK
+) -> BoolArray:
     """Return where a torque has its largest value, if that value is a limit.
 
     Readings of a torque that no limit cuts off are as rare at the largest value as at
     the next ones.  Passages at the limit that noise interrupts need not be long; of
-    passages as long as `least` samples, one is enough beside others.
+    passages as long as `least` samples, one is enough beside others.  It is at least
+    `nearest` times the largest |torque|.
     """
     peak, rounding = float(abs(tau).max()), 0.5 * quantum(tau)
     found, lengths = np.zeros(len(tau), dtype=np.bool_), []
     for side in (tau, -tau):
         top = float(side.max())
-        if top < _NEAR_PEAK * peak:
+        if top < nearest * peak or top == 0.0:
             continue
         at = side >= top - max(rounding, _FLAT**3 * peak)
-        _, next_ones = np.unique(side[~at & (side > 0.0)], return_counts=True)
+        _, next_ones = np.unique(side[~at], return_counts=True)
         tied = at & moves
         if tied.sum() < _TIES * max(next_ones[-3:], default=1):
             continue
