@@ -338,8 +338,11 @@ def fit_of(
     size = np.maximum(regression.torque_rms, np.finfo(float).tiny)
     inertial = model.layout.inertial_size
     of_drives = np.arange(len(x)) >= inertial
-    rubbing = [t.friction and t.nonnegative for t in model.column_terms]
-    rubs = np.append(np.zeros(inertial, bool), np.array(rubbing, bool))
+    terms = model.column_terms  # none of a sensor's offsets
+    rubs = np.zeros(len(x), dtype=np.bool_)
+    rubs[inertial : inertial + len(terms)] = [
+        t.friction and t.nonnegative for t in terms
+    ]
     residual = regression.residual_rms(x)
     least = regression.residual_rms(free.parameters)
     effective = np.nan if regression.noise is None else regression.effective.sum()
