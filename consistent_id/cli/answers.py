@@ -155,6 +155,8 @@ def print_error(error: ConsistentIdError, words: Sequence[str] = ()) -> int:
         Words of the command.
     """
     print(f"consistent-id: {error}", file=sys.stderr)
+    for note in getattr(error, "__notes__", ()):
+        print(f"  {note}", file=sys.stderr)
     if error.options and words and (following := next_command(words, error)):
         print(f"try: {following}", file=sys.stderr)
     return 3 if isinstance(error, SolverError) else 2

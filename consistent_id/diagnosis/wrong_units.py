@@ -27,8 +27,8 @@ _EVERY_TORQUE = 3.0  # times every limit, if limits differ and so are no placeho
 def travel_findings(robot: RobotModel, log: Recording) -> list[LogFinding]:
     """Find travel far beyond the limits of joints.
 
-    If most joints travel too far, positions are in degrees where that fits.  If few do,
-    each of these has a unit of its own.
+    If most joints travel too far, positions are in degrees where that fits, else in
+    counts of encoders.  If few do, each of these has a unit of its own.
 
     Parameters
     ----------
@@ -46,6 +46,8 @@ def travel_findings(robot: RobotModel, log: Recording) -> list[LogFinding]:
     beyond = share > _TRAVEL
     if beyond.sum() > most and share.max() <= _DEGREES:
         return [_travel_in_degrees(share, beyond)]
+    if beyond.sum() > most and np.median(share) > _DEGREES:
+        return [_travel_in_counts(share)]
     if (alone := share > _ONE_TRAVEL).sum() > most:
         return []
     names = np.array(robot.joint_names)[limited]
@@ -62,6 +64,19 @@ def _travel_in_degrees(share: Vector, beyond: BoolArray) -> LogFinding:
         "read them as degrees (--units deg), or multiply positions and velocities by "
         "pi / 180",
         float(np.median(share[beyond])) / _TRAVEL,
+    )
+
+
+def _travel_in_counts(share: Vector) -> LogFinding:
+    return LogFinding(
+        "encoder scale",
+        "fault",
+        "all joints",
+        f"joints travel {share.min():.3g} to {share.max():.3g} times the range of "
+        "their limits, more than degrees explain: positions are counts of encoders",
+        "state the counts of a turn of the joint (--units position=rev/COUNTS), and "
+        "subtract the count at the model's zero",
+        float(np.median(share)) / _TRAVEL,
     )
 
 

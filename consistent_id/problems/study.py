@@ -13,7 +13,12 @@ from consistent_id._support.progress import stages
 from consistent_id._support.tables import brief
 from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
 from consistent_id.diagnosis import Diagnosis
-from consistent_id.errors import ConsistentIdError
+from consistent_id.errors import (
+    ConsistentIdError,
+    InfeasibleError,
+    NotExcitedError,
+    SolverError,
+)
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.estimate_plot import draw_parameters, parameter_bars
 from consistent_id.estimation.influence import confirmed_slopes
@@ -68,6 +73,9 @@ class Study(StudyFits):
     def diagnosis(self) -> Diagnosis | None:
         """Diagnosis of the recordings; None if they are simulated, or given."""
         return None if self._recorded is None else check_problem(self._recorded)
+
+    def _checked(self) -> Diagnosis | None:
+        return self.diagnosis
 
     @property
     def _recorded(self) -> Problem | None:
@@ -264,11 +272,17 @@ class Study(StudyFits):
                 if self._recorded is not None and samples <= _FEW_SAMPLES
                 else nullcontext()
             ) as diagnosis:
-                for stage, part in parts.items():
-                    begin(stage)
-                    if part == "diagnosis" and diagnosis is not None:
-                        self.__dict__.setdefault(part, diagnosis())
-                    getattr(self, part)
+                check = diagnosis or self._checked
+                try:
+                    for stage, part in parts.items():
+                        begin(stage)
+                        if part == "diagnosis":
+                            self.__dict__.setdefault(part, check())
+                        getattr(self, part)
+                except (InfeasibleError, NotExcitedError, SolverError) as failure:
+                    with suppress(ConsistentIdError):
+                        _explain(failure, check())
+                    raise
         return self
 
     @cached_property
@@ -355,6 +369,16 @@ class Study(StudyFits):
             own.model.layout, own.parameters, own.half_intervals, names
         )
         return draw_parameters(bars, own.method, axes)
+
+
+def _explain(failure: ConsistentIdError, diagnosis: Diagnosis | None) -> None:
+    """Note the faults of the recordings, for which no estimate may exist."""
+    faults = () if diagnosis is None else diagnosis.faults
+    for fault in {f.kind: f for f in reversed(faults)}.values():
+        failure.add_note(
+            f"{fault.kind} ({fault.recording}): {fault.statement}. To do: "
+            f"{fault.advice}"
+        )
 
 
 def _same_parameters(one: Estimate, other: Estimate) -> bool:

@@ -9,9 +9,9 @@ import re
 import shlex
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import zip_longest
+from itertools import count, takewhile, zip_longest
 from operator import eq
 
 from consistent_id.recordings.column_words import (
@@ -33,32 +33,45 @@ class NumberedColumns:
     ----------
     before, after : str
         The text on either side of the number.
+    digits : int
+        Digits of each number, if they begin with zeros: ``q_01``.
     """
 
     before: str
     after: str
     first: int
     last: int
+    digits: int = 0
 
     def __len__(self) -> int:
         return self.last - self.first + 1
 
     def __str__(self) -> str:
-        return f"{self.before}{{{self.first}..{self.last}}}{self.after}"
+        first, last = (self.number(place) for place in (0, len(self) - 1))
+        return f"{self.before}{{{first}..{last}}}{self.after}"
 
     @property
     def pattern(self) -> str:
-        """The pattern without its number, for words and units."""
-        return f"{self.before}{{number}}{self.after}"
+        """The pattern of columns that count all joints from 1."""
+        return f"{self.before}{{number{self._format}}}{self.after}"
 
     def option(self, channel: str) -> str:
         """Return the option that names these columns of a channel."""
-        place = "{number}" if self.first else "{index}"
-        return f"--{channel} {shlex.quote(f'{self.before}{place}{self.after}')}"
+        place = "number" if self.first else "index"
+        text = f"{self.before}{{{place}{self._format}}}{self.after}"
+        return f"--{channel} {shlex.quote(text)}"
+
+    @property
+    def _format(self) -> str:
+        return f":0{self.digits}d" if self.digits else ""
+
+    def number(self, place: int) -> str:
+        """Return the number at an index, from 0, as the log spells it."""
+        return f"{self.first + place:0{self.digits}d}"
 
     def name(self, place: int) -> str:
         """Return the name at an index, from 0."""
-        return f"{self.before}{self.first + place}{self.after}"
+        return f"{self.before}{self.number(place)}{self.after}"
 
 
 def numbered_columns(names: Sequence[str]) -> tuple[NumberedColumns, ...]:
@@ -68,6 +81,10 @@ def numbered_columns(names: Sequence[str]) -> tuple[NumberedColumns, ...]:
     --------
     >>> [str(run) for run in numbered_columns(["t", "q1", "q2", "q3", "tau_0_Nm"])]
     ['q{1..3}']
+    >>> [str(run) for run in numbered_columns(["tau_08", "tau_09", "tau_10"])]
+    []
+    >>> [str(run) for run in numbered_columns(["tau_00", "tau_01", "tau_02"])]
+    ['tau_{00..02}']
     """
     return _numbered_columns(tuple(names))
 
@@ -84,17 +101,17 @@ _DIGITS = re.compile(r"\d+")
 
 def _runs(name: str, known: frozenset[str]) -> Iterator[NumberedColumns]:
     for found in _DIGITS.finditer(name):
-        if found[0] not in ("0", "1"):
+        if (first := int(found[0])) > 1:
             continue
-        before, after = name[: found.start()], name[found.end() :]
-        first = int(found[0])
-        if f"{before}{first - 1}{after}" in known:
+        digits = len(found[0]) if len(found[0]) > 1 else 0
+        run = NumberedColumns(
+            name[: found.start()], name[found.end() :], first, first, digits
+        )
+        if run.name(-1) in known:
             continue
-        last = first
-        while f"{before}{last + 1}{after}" in known:
-            last += 1
-        if last > first:
-            yield NumberedColumns(before, after, first, last)
+        more = takewhile(known.__contains__, map(run.name, count(1)))
+        if further := sum(1 for _ in more):
+            yield replace(run, last=first + further)
 
 
 def with_joint(name: str, joints: Sequence[str]) -> str:
@@ -449,6 +466,6 @@ def _pattern_by_number(
 ) -> NamePattern:
     """Return a pattern of columns that count every joint, for some of them."""
     if run.first == 1 and tuple(every[: len(joints)]) == tuple(joints):
-        return NamePattern(f"{run.before}{{number}}{run.after}", tuple(joints))
-    pairs = tuple((str(run.first + every.index(joint)), joint) for joint in joints)
+        return NamePattern(run.pattern, tuple(joints))
+    pairs = tuple((run.number(every.index(joint)), joint) for joint in joints)
     return NamePattern(f"{run.before}{{joint}}{run.after}", tuple(joints), pairs)

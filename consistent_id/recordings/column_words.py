@@ -24,11 +24,11 @@ CHANNELS = ("position", "velocity", "torque")
 _WORDS = {
     channel: tuple(frozenset(phrase.split()) for phrase in phrases.split(", "))
     for channel, phrases in {
-        "position": "q, pos, position, positions, ang, angle, angles, theta, qpos, "
-        "jpos, observation state, axis act, feedback joints, winkel",
-        "velocity": "dq, qd, qdot, vel, velocity, velocities, speed, speeds, dtheta, "
-        "thetadot, qvel, jvel, geschwindigkeit",
-        "torque": "tau, trq, torq, torque, torques, moment, moments, eff, effort, "
+        "position": "q, pos, position, positions, ang, angle, angles, theta, th, phi, "
+        "qpos, jpos, observation state, axis act, feedback joints, winkel",
+        "velocity": "dq, qd, qdot, vel, velo, velocity, velocities, speed, speeds, "
+        "spd, dtheta, thetadot, thd, dphi, phidot, qvel, jvel, geschwindigkeit",
+        "torque": "tau, trq, tq, torq, torque, torques, moment, moments, eff, effort, "
         "efforts, jts, qfrc actuator, actuator force, drehmoment",
     }.items()
 }
@@ -113,6 +113,11 @@ _JOINT = re.compile(r"\{[^{},]*\}")
 _LETTERS = re.compile(r"[a-z]+")
 _GREEK = str.maketrans({"θ": "theta", "τ": "tau"})
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+# A word that another one follows without a mark: ``jointpos``, ``qmeas``.
+_GLUED = re.compile(
+    r"(?<![a-z])(joint(?=[a-z]{3})|(?:d?q|qd|tau|trq|pos|vel)"
+    r"(?=(?:mes|meas|msr|act|actual|measured)(?![a-z])))"
+)
 
 
 def words(pattern: str) -> set[str]:
@@ -122,12 +127,13 @@ def words(pattern: str) -> set[str]:
     --------
     >>> sorted(words("axisQMsr_{joint}"))
     ['axis', 'axisqmsr', 'msr', 'q']
+    >>> sorted(words("jointpos{number}"))
+    ['joint', 'jointpos', 'pos']
     """
     rest = _JOINT.sub(" ", pattern).translate(_GREEK)
-    whole = set(_LETTERS.findall(lower := rest.lower()))
-    if lower == rest:
-        return whole
-    return whole | set(_LETTERS.findall(_HUMP.sub(" ", rest).lower()))
+    lower = rest.lower()
+    apart = _GLUED.sub(r"\1 ", _HUMP.sub(" ", rest).lower())
+    return {*_LETTERS.findall(lower), *_LETTERS.findall(apart)}
 
 
 def states(names: Iterable[str]) -> tuple[str, ...]:

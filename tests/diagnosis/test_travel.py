@@ -27,19 +27,26 @@ def _swing(factor):
 @pytest.mark.parametrize(
     ("limits", "factor", "found"),
     [
-        (JointLimits(-2.0, 2.0), 1.0, False),
-        (JointLimits(-2.0, 2.0), 180.0 / np.pi, True),
+        (JointLimits(-2.0, 2.0), 1.0, []),
+        (JointLimits(-2.0, 2.0), 180.0 / np.pi, ["degrees"]),
         # Limits that were drawn too narrow, and none at all.
-        (JointLimits(-1.0, 1.0), 1.0, False),
-        (JointLimits(), 180.0 / np.pi, False),
-        (JointLimits(0.0, 0.0), 1.0, False),
+        (JointLimits(-1.0, 1.0), 1.0, []),
+        (JointLimits(), 180.0 / np.pi, []),
+        (JointLimits(0.0, 0.0), 1.0, []),
         # Counts of an encoder are no degrees.
-        (JointLimits(-2.0, 2.0), 1e4, False),
+        (JointLimits(-2.0, 2.0), 1e4, ["encoder scale"]),
+        (JointLimits(), 1e4, []),
     ],
 )
-def test_travel_in_degrees_is_far_beyond_the_limits(limits, factor, found):
+def test_travel_in_other_units_is_far_beyond_the_limits(limits, factor, found):
     findings = travel_findings(_robot(limits), _swing(factor))
-    assert [f.kind for f in findings] == (["degrees"] if found else [])
+    assert [f.kind for f in findings] == found
+
+
+def test_counts_of_encoders_are_named_with_the_option():
+    (finding,) = travel_findings(_robot(JointLimits(-2.0, 2.0)), _swing(651.9))
+    assert "489 to 489 times the range" in finding.statement
+    assert "--units position=rev/COUNTS" in finding.advice
 
 
 @pytest.mark.parametrize("factor", [180.0 / np.pi, 100.0, 1e4])

@@ -1,12 +1,14 @@
 """A study computes each of its parts once, whoever asks for it."""
 
+import shutil
 from collections import Counter
 
 import numpy as np
 import pytest
 
-from consistent_id import SolverError, load_problem
+from consistent_id import InfeasibleError, SolverError, load_problem
 from consistent_id._support.run import Run, running
+from consistent_id.cli import main
 from consistent_id.estimation.method import Method
 from consistent_id.problems import problem_estimates as estimates_module
 from consistent_id.problems import study as study_module
@@ -121,6 +123,38 @@ def test_a_study_draws_torque_and_parameters_that_it_holds():
     assert dots.lines[0].get_xdata() == [found[name]]
     assert pyplot.get_fignums() == [figure.number]  # none but the one given
     pyplot.close("all")
+
+
+@pytest.fixture
+def without_an_estimate(tmp_path):
+    """The KUKA's problem with a contradiction, and positions in counts of encoders."""
+    folder = tmp_path / "kuka"
+    shutil.copytree("problems/kuka_kr300", folder)
+    for file in folder.glob("*.csv"):
+        table = np.loadtxt(file, delimiter=",", skiprows=1)
+        table[:, 1:13] = np.round(table[:, 1:13] / (2.0 * np.pi) * 4096.0)
+        header = file.read_text().partition("\n")[0]
+        np.savetxt(file, table, delimiter=",", header=header, comments="")
+    problem = folder / "problem.toml"
+    masses = 'masses = "datasheet"\n'
+    text = problem.read_text().replace(masses, f"{masses}total_mass = [1.0, 2.0]\n")
+    problem.write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize("run", [Run(), Run(beside=True)])
+def test_an_estimate_that_fails_names_the_faults_of_the_log(without_an_estimate, run):
+    with running(run), pytest.raises(InfeasibleError) as failure:
+        run_study(load_problem(without_an_estimate))
+    (note,) = failure.value.__notes__
+    assert "counts of encoders" in note
+    assert "--units position=rev/COUNTS" in note
+
+
+def test_the_shell_prints_them_below_the_error(without_an_estimate, capsys):
+    assert main(["identify", str(without_an_estimate)]) == 2
+    said = capsys.readouterr().err
+    assert said.index("total mass") < said.index("counts of encoders")
 
 
 @pytest.mark.slow

@@ -158,12 +158,58 @@ LOGS = {
         ("time", "joint_angle_1", "angular_vel_1", "moment_1"),
         {},
     ),
+    "one word": (
+        (
+            "time",
+            *numbered("jointpos_deg_{}", "jointvel_degps_{}", "jointtrq_Nm_{}"),
+        ),
+        ("time", "jointpos_deg_1", "jointvel_degps_1", "jointtrq_Nm_1"),
+        {"position": "deg", "velocity": "deg/s"},
+    ),
+    "short": (
+        ("t", *numbered("th{}", "thd{}", "Tq{}", "thdd{}")),
+        ("t", "th1", "thd1", "Tq1"),
+        {},
+    ),
+    "measured": (
+        ("t", *numbered("qref{}", "qmes{}", "dqmes{}", "taumes{}")),
+        ("t", "qmes1", "dqmes1", "taumes1"),
+        {},
+    ),
+    "Beckhoff": (
+        ("Time", *numbered("Axis{}.ActPos", "Axis{}.ActVelo", "Axis{}.ActTorque")),
+        ("Time", "Axis1.ActPos", None, "Axis1.ActTorque"),
+        {"position": "deg"},
+    ),
     "own": (
         ("Time (ms)", *numbered("q{}_deg", "dq{} [rpm]", "tau{} [%]")),
         ("Time (ms)", "q1_deg", "dq1 [rpm]", "tau1 [%]"),
         {"time": "ms", "position": "deg", "velocity": "rev/min", "torque": "%"},
     ),
 }
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_numbers_may_begin_with_zeros(tmp_path, first):
+    """The file's values stand in the order of the joints, also after 09."""
+    joints = [f"axis_{letter}" for letter in "abcdefghijkl"]
+    places = range(first, first + 12)
+    names = ["t", *(f"{c}_{k:02d}" for c in ("q", "tau") for k in places)]
+    file = tmp_path / "log.csv"
+    rows = [[t, *range(12), *range(12)] for t in range(3)]
+    file.write_text("\n".join(",".join(map(str, row)) for row in [names, *rows]))
+    columns = guess_columns(file, KnownColumns(tuple(joints))).columns
+    log = read_recording(file, joints, columns)
+    np.testing.assert_array_equal(log.position[0], range(12))
+    np.testing.assert_array_equal(log.torque[0], range(12))
+
+
+def test_a_message_names_columns_whose_numbers_begin_with_zeros(tmp_path):
+    names = ["t", *(f"q_{k:02d}" for k in range(1, 7))]
+    unknown = [f"Ist_{k:02d}" for k in range(6)]
+    with pytest.raises(RecordingError, match=r"--torque 'Ist_\{index:02d\}'") as said:
+        guessed(tmp_path, [*names, *unknown])
+    assert "q_{01..06}" in str(said.value)
 
 
 @pytest.mark.parametrize("tool", LOGS)

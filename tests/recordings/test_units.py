@@ -1,6 +1,7 @@
 """Units of logs: the factors, who states them, and what is refused."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from consistent_id.problems.statement_words import units as units_of
 from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.readers.units import (
     KNOWN,
+    factors,
     is_time,
     standard_unit,
     unit_of_a_name,
@@ -30,6 +32,14 @@ FACTORS = {
     ("velocity", "deg/s"): math.pi / 180,
     ("velocity", "degrees per second"): math.pi / 180,
     ("velocity", "mm/s"): 1e-3,
+    ("velocity", "dps"): math.pi / 180,
+    ("velocity", "deg s^-1"): math.pi / 180,
+    ("velocity", "deg·s⁻¹"): math.pi / 180,
+    ("velocity", "rad.s-1"): 1.0,
+    ("velocity", "deg_s"): math.pi / 180,
+    ("position", "mdeg"): math.pi / 180e3,
+    ("position", "µrad"): 1e-6,
+    ("acceleration", "deg.s^-2"): math.pi / 180,
     ("velocity", "rev/s"): 2 * math.pi,
     ("acceleration", "deg/s^2"): math.pi / 180,
     ("acceleration", "mm/s²"): 1e-3,
@@ -46,6 +56,43 @@ FACTORS = {
 def test_a_unit_has_its_factor(channel, unit):
     factor = KNOWN[channel][standard_unit(channel, unit)]
     assert factor == pytest.approx(FACTORS[channel, unit], rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("channel", "unit", "factor"),
+    [
+        ("position", "rev/4096", 2 * math.pi / 4096),
+        ("position", "rev/1e6", 2e-6 * math.pi),
+        ("velocity", "rev/2048/s", 2 * math.pi / 2048),
+        ("velocity", "rev/2048/min", 2 * math.pi / 2048 / 60),
+    ],
+)
+def test_counts_of_an_encoder_are_parts_of_a_turn(channel, unit, factor):
+    known = {channel: standard_unit(channel, unit)}
+    assert factors(known, channel, ["a"]) == pytest.approx(factor, rel=1e-15)
+
+
+@pytest.mark.parametrize("unit", ["rev/0", "rev/-4096", "deg/4096", "rev/"])
+def test_other_parts_of_a_turn_are_refused(unit):
+    with pytest.raises(RecordingError, match="no unit"):
+        standard_unit("position", unit)
+
+
+@pytest.mark.parametrize(
+    ("names", "advice"),
+    [
+        (Columns(position="q_{joint}_ticks"), "--units position=rev/COUNTS"),
+        (
+            Columns(position="q_{joint}", velocity="dq_{joint} [counts/s]"),
+            "--units velocity=rev/COUNTS/s",
+        ),
+    ],
+)
+def test_counts_in_a_name_are_asked_for_the_counts_of_a_turn(tmp_path, names, advice):
+    file = tmp_path / "log.csv"
+    file.write_text("time,q_a,q_a_ticks,dq_a [counts/s]\n0,0,0,0\n1,1,4096,2\n")
+    with pytest.raises(RecordingError, match=re.escape(advice)):
+        read_recording(file, ["a"], names)
 
 
 @given(st.sampled_from([(c, u) for c, units in KNOWN.items() for u in units]))
@@ -176,6 +223,11 @@ def test_what_is_no_unit_of_torque_is_refused(said):
         ("velocity", "vel_rpm_axis{number}", "rev/min"),
         ("torque", "tau_mNm_J{number}", "mN m"),
         ("torque", "{joint}_force [kN]", "kN"),
+        ("velocity", "vel_degps_J{number}", "deg/s"),
+        ("velocity", "vel{number}_deg_s", "deg/s"),
+        ("velocity", "dq{number} [deg.s-1]", "deg/s"),
+        ("velocity", "dq{number} [rad.s^-1]", ""),
+        ("position", "q{number}_mrad", "mrad"),
         ("position", "q[{index}]", ""),
         ("position", "pos_rad_J{number}", ""),
     ],

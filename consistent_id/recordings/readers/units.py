@@ -22,7 +22,9 @@ _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 _ANGLES = {
     "rad": 1.0,
     "mrad": 1e-3,
+    "urad": 1e-6,
     "deg": math.pi / 180.0,
+    "mdeg": math.pi / 180e3,
     "rev": 2.0 * math.pi,
 }
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
@@ -63,6 +65,10 @@ _SPELT = {
         "rad": "radian radians",
         "rev": "revs revolution revolutions turn turns",
         "m": "meter meters metre metres",
+        "urad": "µrad μrad",
+        "deg/s": "dps degps",
+        "rad/s": "radps",
+        "mm/s": "mmps",
         "mm": "millimeter millimeters millimetre millimetres",
         "s": "sec secs second seconds",
         "ms": "msec msecs millisecond milliseconds",
@@ -84,14 +90,26 @@ _SPELT = {
     }.items()
     for word in words.split()
 }
-_PER = re.compile(r"\s*(?:/|per|_per_)\s*(s|sec|second|min|minute)(\^?2|²)?$")
+_PER = re.compile(
+    r"(?:\s*(?:/|per|_per_|_)\s*(?P<each>s|sec|second|min|minute)(?:\^?(?P<power>2|²))?"
+    r"|[ .·*]?s\^?[{(]?[-⁻](?:1|¹|(?P<less>2|²))[)}]?)$"  # deg.s^-1
+)
+
+_OF_A_TURN = re.compile(r"rev\s*/\s*(?P<counts>[1-9]\d*(?:\.\d+)?(?:e\+?\d+)?)")
 
 # Endings of names that are not SI units.
 _NOT_TIME = (
     "ms|msecs?|milliseconds?|us|µs|μs|usecs?|microseconds?|ns|nsecs?|nanoseconds?"
 )
-_NOT_MOTION = "°|degs?|degrees?|rpm|revs?|revolutions?|turns?|mm|cm|millimet(?:er|re)s?"
-_EACH = r"(?:\s*(?:/|per|_per_)\s*s(?:ec)?(?:\^?2|²|\^?3)?)?"
+_COUNTS = r"counts?|ticks?|pulses?|incs?|increments?|steps"  # of an encoder
+_NOT_MOTION = (
+    "°|degs?|degrees?|rpm|revs?|revolutions?|turns?|mm|cm|millimet(?:er|re)s?|"
+    f"m(?:deg|rad)|[uµμ]rad|degps|dps|{_COUNTS}"
+)
+_EACH = (
+    r"(?:\s*(?:/|per|_per_|_)\s*s(?:ec)?(?:\^?2|²|\^?3)?"
+    r"|[ .·*]?s\^?[{(]?[-⁻][12¹²][)}]?)?"
+)
 _UNIT = re.compile(f"(?:{_NOT_TIME}|(?:{_NOT_MOTION}){_EACH})", re.IGNORECASE)
 _LAST = re.compile(rf"[\[(_ ]\s*({_UNIT.pattern})\s*[\])]?$", re.IGNORECASE)
 _MARK = r"[ .·*-]?"  # between the factors of a unit
@@ -157,6 +175,10 @@ def standard_unit(channel: str, unit: str) -> str:
     --------
     >>> standard_unit("velocity", "rpm"), standard_unit("position", "degrees")
     ('rev/min', 'deg')
+    >>> standard_unit("velocity", "deg.s^-1"), standard_unit("velocity", "dps")
+    ('deg/s', 'deg/s')
+    >>> standard_unit("position", "rev/4096")  # counts of an encoder
+    'rev/4096'
     """
     known = KNOWN[channel]
     text = unit.strip()
@@ -164,8 +186,11 @@ def standard_unit(channel: str, unit: str) -> str:
         text = "rev/min"
     per = ""
     if found := _PER.search(text):
-        text, each = text[: found.start()], "min" if found[1].startswith("m") else "s"
-        per = f"/{each}^2" if found[2] else f"/{each}"
+        each = "min" if (found["each"] or "").startswith("m") else "s"
+        text = text[: found.start()]
+        per = f"/{each}^2" if found["power"] or found["less"] else f"/{each}"
+    if (of_a_turn := _OF_A_TURN.fullmatch(text)) and f"rev{per}" in known:
+        return f"rev/{float(of_a_turn['counts']):.15g}{per}"
     compact = re.sub(r"(?<=\w)[ *·.-](?=\w)", "", text)
     for spelt in (text, _SPELT.get(text.lower(), ""), _SPELT.get(compact.lower(), "")):
         if spelt + per in known:
@@ -209,7 +234,15 @@ def factors(units: Units, channel: str, joints: Sequence[str]) -> Vector:
             f"units: {len(each)} units of {channel} for {len(joints)} joints "
             f"({', '.join(joints)}), expected one, or one for each joint"
         )
-    return np.array([KNOWN[channel][unit] if unit else 1.0 for unit in each])
+    return np.array([_factor(channel, unit) if unit else 1.0 for unit in each])
+
+
+def _factor(channel: str, unit: str) -> float:
+    """Return the factor of a unit to SI; ``rev/4096`` is one count of 4096 a turn."""
+    if found := _OF_A_TURN.match(unit):
+        whole = "rev" + unit[found.end() :]
+        return KNOWN[channel][whole] / float(found["counts"])
+    return KNOWN[channel][unit]
 
 
 def needs_gain(units: Units) -> str:
@@ -237,13 +270,11 @@ def unit_of_a_name(channel: str, pattern: str) -> str:
     found = (_LAST_TORQUE if channel.startswith("torque") else _LAST).search(name)
     if found is None:
         return ""
-    said = found[1]
-    if channel.startswith(("velocity", "acceleration")) and not _PER.search(said):
-        said += "" if said.lower() == "rpm" else {"v": "/s", "a": "/s^2"}[channel[0]]
-    try:
-        return standard_unit(channel, said)
-    except RecordingError:
-        return said
+    per = {"v": "/s", "a": "/s^2"}.get(channel[0], "")  # left out in many names
+    for said in (found[1], found[1] + per):
+        with suppress(RecordingError):
+            return standard_unit(channel, said)
+    return found[1]
 
 
 def refuse_units_of_a_name(where: str, channel: str, pattern: str) -> None:
@@ -255,12 +286,16 @@ def refuse_units_of_a_name(where: str, channel: str, pattern: str) -> None:
         If the name ends in a unit that is not SI; with the option that states it.
     """
     if said := unit_of_a_name(channel, pattern):
+        unit, why = said, ""
+        if re.match(_COUNTS, said, re.IGNORECASE):
+            unit = "rev/COUNTS" + ("" if channel.startswith("position") else "/s")
+            why = ", with the counts of a turn of the joint"
         raise RecordingError(
             f"{where}: column {pattern!r} contains {said!r}; values are read in s, "
-            f"rad and m, not converted, unless a unit is stated: "
-            f"--units {channel}={said}; in a problem file "
-            f'units = {{ {channel} = "{said}" }} in [data]; in Python '
-            f"Columns(units={{{channel!r}: {said!r}}})"
+            f"rad and m, not converted, unless a unit is stated{why}: "
+            f"--units {channel}={unit}; in a problem file "
+            f'units = {{ {channel} = "{unit}" }} in [data]; in Python '
+            f"Columns(units={{{channel!r}: {unit!r}}})"
         )
 
 
