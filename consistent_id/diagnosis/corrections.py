@@ -83,11 +83,13 @@ class FaultKind:
     threshold : float
         Ratio of the log's misfit to the corrected log's above which it is reported.
     statement, advice : str
-        With the fields ``{joints}``, ``{size}`` and ``{unit}``, and ``{first}`` and
-        ``{second}`` for two joints.
+        With the fields ``{joints}``, ``{size}``, ``{radians}`` of a size in degrees,
+        and ``{unit}``; and ``{first}`` and ``{second}`` for two joints.
     changes : callable
         Function from the joints, and the indices of those whose channels may be wrong,
         to the changes that correct the fault.
+    option : str
+        With the same fields, the option that corrects it if one joint is wrong.
     """
 
     kind: str
@@ -96,6 +98,7 @@ class FaultKind:
     statement: str
     advice: str
     changes: Callable[[Sequence[Joint], Sequence[int]], Iterator[Change]]
+    option: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +117,8 @@ class Correction:
     @property
     def advice(self) -> str:
         """The advice in words."""
-        return self._filled(self.fault.advice)
+        option = self.fault.option if len(self.change.joints) == 1 else ""
+        return self._filled(self.fault.advice + (option and f" ({option})"))
 
     @property
     def cause(self) -> "Cause":
@@ -135,7 +139,12 @@ class Correction:
         first, *others = self.where.split(", ")
         second = others[0] if others else first
         return text.format(
-            joints=self.where, size=size, unit=unit, first=first, second=second
+            joints=self.where,
+            size=size,
+            radians=np.radians(size),
+            unit=unit,
+            first=first,
+            second=second,
         )
 
     def applied(self, prepared: Recording) -> Recording:
@@ -310,6 +319,7 @@ FAULT_KINDS = (
         "with the position of {joints} reversed",
         "reverse position and velocity of {joints}, or its axis in the model",
         _reversed,
+        "--position-scale {joints}=-1",
     ),
     FaultKind(
         "channel order",
@@ -326,6 +336,7 @@ FAULT_KINDS = (
         "with the position of {joints} times {size:.4g}",
         "multiply position and velocity of {joints} by {size:.4g}: check gear and unit",
         _other_scales,
+        "--position-scale {joints}={size:.4g}",
     ),
     FaultKind(
         "degrees",
@@ -334,6 +345,7 @@ FAULT_KINDS = (
         "with the position of {joints} taken as degrees",
         "multiply position and velocity of {joints} by pi / 180",
         _degrees_of_one,
+        "--position-scale {joints}=0.0174533",
     ),
     FaultKind(
         "channel order",
@@ -394,6 +406,7 @@ FAULT_KINDS = (
         "add {size:g} degrees to the position of {joints}, or turn its frame in the "
         "model",
         _quarter_turns,
+        "--position-offset {joints}={radians:.6g}",
     ),
 )
 """Faults that are sought; a new fault is one entry and one function of changes."""
