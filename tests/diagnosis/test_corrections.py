@@ -23,6 +23,7 @@ from consistent_id.estimation.best_fit import best_fit
 from consistent_id.problems.file import PreparationTable
 from consistent_id.problems.preparation import prepared
 from consistent_id.regression import base_parameters
+from consistent_id.robot.model import Mimic
 
 JOINTS = ("joint1", "joint2", "joint3", "joint4")
 
@@ -223,6 +224,26 @@ def test_every_kind_of_the_table_occurs_and_fills_its_sentences():
     pairs = [", ".join(pair) for pair in combinations(JOINTS, 2)]
     exchanged = [c.where for c in found if c.fault.kind == "channel order"]
     assert exchanged == 3 * pairs
+
+
+def test_drives_are_coupled_with_the_joint_that_carries_them_beside_followers():
+    robot = arm().robot
+    follower = replace(robot.joints[1], mimic=Mimic("joint1", 0.5))
+    turning = (robot.joints[0], follower, *robot.joints[2:])
+    last = replace(robot.joints[3], kind="prismatic")
+    for joints, coupled in (
+        # The second link, which follows joint 1, carries joint 3.
+        (turning, {"joint3, joint4"}),
+        # A motor that turns a joint slides none.
+        ((*robot.joints[:3], last), {"joint1, joint2", "joint2, joint3"}),
+    ):
+        other = replace(robot, joints=joints)
+        found = corrections(other, other.joint_names)
+        assert {c.where for c in found if c.fault.kind == "coupled drives"} == coupled
+    part = corrections(robot, JOINTS[1:])
+    assert not any(
+        "joint1" in c.where for c in part if c.fault.kind == "coupled drives"
+    )
 
 
 @pytest.mark.slow
