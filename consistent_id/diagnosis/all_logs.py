@@ -177,12 +177,14 @@ def _without_wrong_gains(
     """Return a model without the torque of joints that have a wrong gain.
 
     Such a torque says nothing about bodies.  Another robot's bodies differ in the
-    torque of the other joints, too.
+    torque of the other joints, too.  Most gains are wrong together because of one
+    cause, which may be another robot: all torques are kept then.
     """
     faults = [f for f in found if f.severity == "fault" and f.kind == "torque gain"]
     wrong = {f.where for f in faults if f.recording}
     kept = tuple(name for name in model.torque_joints if name not in wrong)
-    return replace(model, torque_joints=kept) if kept else model
+    most = 2 * len(kept) >= len(model.torque_joints)
+    return replace(model, torque_joints=kept) if most else model
 
 
 def _explains(finding: LogFinding) -> bool:
