@@ -246,6 +246,37 @@ def test_drives_are_coupled_with_the_joint_that_carries_them_beside_followers():
     )
 
 
+@pytest.mark.parametrize(("sign", "turns"), [(1.0, "sum"), (-1.0, "difference")])
+def test_channels_of_coupled_drives_become_those_of_their_joints(sign, turns):
+    log = at_samples(clean_log(0))
+    names = ("position", "velocity", "acceleration")
+    moved = {name: getattr(log, name).copy() for name in names}
+    for values in moved.values():
+        values[:, 2] += sign * values[:, 1]  # the motor turns with both joints
+    torque = log.torque.copy()
+    torque[:, 1] -= sign * torque[:, 2]  # so that both motors have the same power
+    power = np.sum(log.torque * log.velocity, axis=1)
+    np.testing.assert_allclose(np.sum(torque * moved["velocity"], axis=1), power)
+    motors = replace(log, torque=torque, **moved)
+    of_joints, of_torque = (
+        next(
+            c
+            for c in corrections(arm().robot, JOINTS)
+            if (c.fault.kind, c.fault.channels) == ("coupled drives", channels)
+            and (c.where, c.change.size) == ("joint2, joint3", sign)
+        )
+        for channels in ("both", "torque")
+    )
+    assert f"turns by the {turns} of both angles" in of_joints.statement
+    for name in (*names, "torque"):
+        found = getattr(of_joints.applied(motors), name)
+        np.testing.assert_allclose(found, getattr(log, name), atol=1e-12)
+    done = "added to" if sign > 0.0 else "subtracted from"
+    assert f"torque of joint3 {done} that of joint2" in of_torque.statement
+    found = of_torque.applied(replace(log, torque=torque))
+    np.testing.assert_allclose(found.torque, log.torque, atol=1e-12)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("moved", [False, True])
 def test_the_log_of_a_motor_in_front_of_the_joint_before_is_one_of_coupled_drives(

@@ -8,6 +8,7 @@ import pytest
 from faulty_logs import arm, at_samples, clean_log
 
 from consistent_id.diagnosis import diagnose, encoder_scales
+from consistent_id.diagnosis.corrections import corrections
 from consistent_id.diagnosis.encoder_scales import scale_instead
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
 from consistent_id.diagnosis.findings import LogFinding
@@ -40,6 +41,7 @@ def misfit_of_zeros(monkeypatch):
     return leave
 
 
+@pytest.mark.slow
 def test_a_scale_that_explains_more_than_zeros_and_gains_is_named_instead(
     misfit_of_zeros,
 ):
@@ -63,6 +65,23 @@ def test_zeros_that_explain_more_than_any_scale_stay(misfit_of_zeros):
     assert scale_instead([_fitted(1.25), right], [ZERO]) == [ZERO]
 
 
+@pytest.mark.parametrize("margin", [0.99, 1.01])
+def test_a_scale_has_to_explain_as_much_as_any_fault(
+    margin, monkeypatch, misfit_of_zeros
+):
+    fitted = _fitted(1.25)
+    misfit_of_zeros(fitted.misfit)
+    (scale,) = (
+        c.cause
+        for c in corrections(arm().robot, arm().torque_joints)
+        if (c.where, c.fault.kind, c.change.size) == ("joint3", "encoder scale", 0.9)
+    )
+    left = margin * fitted.misfit / scale.threshold
+    monkeypatch.setattr(encoder_scales, "_misfits", lambda log: {scale: left})
+    found = scale_instead([fitted], [ZERO])
+    assert (found == [ZERO]) == (margin > 1.0)
+
+
 def test_a_scale_stands_for_no_fault_of_another_kind_and_for_no_doubt():
     lean = replace(ZERO, kind="gravity")
     assert scale_instead([], [ZERO, lean]) == [ZERO, lean]
@@ -70,6 +89,7 @@ def test_a_scale_stands_for_no_fault_of_another_kind_and_for_no_doubt():
     assert scale_instead([], [doubt]) == [doubt]
 
 
+@pytest.mark.slow
 def test_a_diagnosis_of_a_wrong_gear_ratio_accuses_no_gain():
     # By themselves, zeros and gains would explain the log by a gain.
     accused = [f.kind for f in joint_shifts([_fitted(1.25)]) if f.severity == "fault"]

@@ -730,13 +730,14 @@ def test_independent_samples_are_counted_for_each_parameter():
     assert spare * free.solution.rank == pytest.approx(regression.effective.sum())
 
 
-def test_friction_of_a_gear_coupling_is_friction_and_rotor_inertia_is_none():
+def test_friction_of_a_gear_coupling_counts_and_offsets_and_rotors_do_not():
     arm, _, log = experiment(0, joints=2, samples=50)
     one, other = arm.robot.joint_names
     assert len({joint.kind for joint in arm.robot.joints}) == 1
     gears = GearCoupling(one, other, viscous=True)
-    arm = TorqueModel(arm.robot, DriveTerms(rotor_inertia=True), couplings=(gears,))
-    x = np.append(arm.robot.nominal, [0.1, 0.2, 0.7])
+    drives = DriveTerms(rotor_inertia=True, offset=True)
+    arm = TorqueModel(arm.robot, drives, couplings=(gears,))
+    x = np.append(arm.robot.nominal, [0.1, 3.0, 0.2, -2.0, 0.7])
     assert arm.layout.names[-1].endswith("viscous")
     log = simulate_torque(arm, x, log)
     rubbing = np.where(np.arange(len(x)) == len(x) - 1, x, 0.0)
