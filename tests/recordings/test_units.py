@@ -72,7 +72,9 @@ def test_counts_of_an_encoder_are_parts_of_a_turn(channel, unit, factor):
     assert factors(known, channel, ["a"]) == pytest.approx(factor, rel=1e-15)
 
 
-@pytest.mark.parametrize("unit", ["rev/0", "rev/-4096", "deg/4096", "rev/", "rev/1e400"])
+@pytest.mark.parametrize(
+    "unit", ["rev/0", "rev/-4096", "deg/4096", "rev/", "rev/1e400"]
+)
 def test_other_parts_of_a_turn_are_refused(unit):
     with pytest.raises(RecordingError, match="no unit"):
         standard_unit("position", unit)
