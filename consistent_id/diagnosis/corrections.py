@@ -178,11 +178,22 @@ def corrections(robot: RobotModel, torque_joints: Sequence[str]) -> list[Correct
     names = robot.joint_names
     known = [names.index(name) for name in torque_joints]
     places = {"torque": known, "motion": range(len(names)), "both": known}
+    joints = _numbered(robot)
     return [
         Correction(fault, change, ", ".join(names[j] for j in change.joints) or _ALL)
         for fault in FAULT_KINDS
-        for change in fault.changes(robot.driven, places[fault.channels])
+        for change in fault.changes(joints, places[fault.channels])
     ]
+
+
+def _numbered(robot: RobotModel) -> list[Joint]:
+    """Return the joints that move by themselves, each with its parent among these.
+
+    The parent of a joint on the base, or on a link that follows another joint, is -1.
+    """
+    links = [k for k, joint in enumerate(robot.joints) if joint.driven]
+    places = {link: place for place, link in enumerate(links)}
+    return [replace(j, parent=places.get(j.parent, -1)) for j in robot.driven]
 
 
 _ALL = "all joints"
@@ -263,10 +274,11 @@ def _coupled_drives(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[
 def _in_sequence(
     joints: Sequence[Joint], places: Sequence[int]
 ) -> Iterator[tuple[int, int]]:
-    """Yield joints of which one carries the other, if no joint follows another."""
+    """Yield joints of which one carries the other, if both turn, or both slide."""
+    turning = _turning(joints, places)
     for j in places:
         i = joints[j].parent
-        if i in places and joints[i].kind == joints[j].kind:
+        if i in places and (i in turning) == (j in turning):
             yield i, j
 
 

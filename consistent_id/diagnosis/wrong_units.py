@@ -47,7 +47,7 @@ def travel_findings(robot: RobotModel, log: Recording) -> list[LogFinding]:
     if beyond.sum() > most and share.max() <= _DEGREES:
         return [_travel_in_degrees(share, beyond)]
     if beyond.sum() > most and np.median(share) > _DEGREES:
-        return [_travel_in_counts(share)]
+        return [_travel_in_counts(share[beyond])]
     if (alone := share > _ONE_TRAVEL).sum() > most:
         return []
     names = np.array(robot.joint_names)[limited]
