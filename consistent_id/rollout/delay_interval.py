@@ -164,7 +164,9 @@ def _lacking(
     joints, torques = model.robot.joint_names, []
     for motion, log in zip(moved, logs, strict=True):
         now = motion.of(joints)
-        tau = model.predict(x, now.position, velocities(now), now.acceleration)
+        dq, ddq = velocities(now), now.acceleration
+        ddq = np.gradient(dq, now.time, axis=0) if ddq is None else ddq
+        tau = model.predict(x, now.position, dq, ddq)
         friction = np.zeros((len(log), len(joints)))
         for one, name in zip(tau.T, model.torque_joints, strict=True):
             friction[:, joints.index(name)] = np.interp(log.time, now.time, one)
