@@ -72,7 +72,8 @@ def main() -> None:
             settings = found.settings
             problem = with_settings(problem, settings)
             print(
-                f"{found.settings}, {found.delay}, error {1e3 * found.error:.2f}, "
+                f"{found.settings}, {found.delay}, its 95 % interval "
+                f"{found.delay_interval} s, error {1e3 * found.error:.2f}, "
                 f"{len(found.tried)} tried in {process_time() - started:.1f} s"
             )
         if options.ridges:

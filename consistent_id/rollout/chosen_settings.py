@@ -16,6 +16,7 @@ from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.estimation.transmission_springs import joint_springs
 from consistent_id.problems.problem import Problem
 from consistent_id.robot.chains import mirrored_motors
+from consistent_id.rollout.delay_interval import delay_interval, other_frictions
 from consistent_id.rollout.delay_search import (
     FIRST,
     MOST,
@@ -74,6 +75,8 @@ class SettingsChoice:
     tried : tuple of (Settings, float)
     delay : FoundDelay, optional
         The delay with its standard error.
+    delay_interval : tuple of float, optional, [s]
+        Its 95 % interval, see `delay_interval`; None where it is not known.
     skipped : tuple of str
         Reasons why candidates could not be built.
     """
@@ -83,6 +86,7 @@ class SettingsChoice:
     tried: tuple[tuple[Settings, float], ...]
     delay: FoundDelay | None = None
     skipped: tuple[str, ...] = ()
+    delay_interval: tuple[float, float] | None = None
 
 
 class _Candidates:
@@ -173,6 +177,7 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     best = min((best, replace(best, delay=found.delay)), key=error)
     if not np.isfinite(error(best)):
         raise candidates.none_found()
+    others = other_frictions(problem, best, candidates.parts)
     tried = tuple(candidates.tried.items())
     skipped = list(candidates.skipped)
     if unbounded := _without_range(problem):
@@ -180,7 +185,8 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
             f"friction that varies with position: {', '.join(unbounded)} "
             f"{'has' if len(unbounded) == 1 else 'have'} no range"
         )
-    return SettingsChoice(best, error(best), tried, found, tuple(skipped))
+    interval = delay_interval(found, others, most)
+    return SettingsChoice(best, error(best), tried, found, tuple(skipped), interval)
 
 
 def _started(

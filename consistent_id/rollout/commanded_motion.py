@@ -84,7 +84,7 @@ def replay(
     log: Recording,
     *,
     delay: float = 0.0,
-    offsets: Vector | None = None,
+    offsets: Vector | Matrix | None = None,
 ) -> Replay:
     """Give a model the robot's commands, from the robot's state at the start.
 
@@ -96,9 +96,9 @@ def replay(
         See `replayable`.
     delay : float, [s]
         Delay of the commands.
-    offsets : ndarray, shape (joints,), optional, [N m or N]
+    offsets : ndarray, shape (joints,) or (samples, joints), optional, [N m or N]
         Additional friction torque, with the sign of the term ``offset``: a positive one
-        opposes positive motion.
+        opposes positive motion.  It is constant, or linear between the log's samples.
 
     Raises
     ------
@@ -118,6 +118,9 @@ def replay(
     late = delay + 0.5 * step
     control = drive_commands(log, model.gains, step, steps, delay=late)
     if offsets is not None:
+        if np.ndim(offsets) == 2:
+            at = log.time[0] + np.arange(steps) * step
+            offsets = np.column_stack([np.interp(at, log.time, o) for o in offsets.T])
         control = control - offsets
     data = mujoco.MjData(compiled)
     with quiet():

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Matrix, Vector
 
 MOST = 0.02
 """Longest delay of commands that is tried, [s]: networks and drives take less."""
@@ -34,11 +34,14 @@ class FoundDelay:
     at_bound : bool
         Whether the error still falls at the longest delay that was tried, or towards
         delays below 0: then there is none, or commands are logged later than they act.
+    blocks : int
+        Number of blocks of the motion.
     """
 
     delay: float
     error: float
     at_bound: bool
+    blocks: int
 
 
 def found_delay(
@@ -69,7 +72,7 @@ def found_delay(
         total(delay)
     if len(tried) < 3:  # a parabola needs a third
         best = min(tried, key=total)
-        total(2.0 * NEAR if best < NEAR else best - 2.0 * NEAR)
+        total(2.0 * NEAR if best < 2.0 * NEAR else best - 2.0 * NEAR)
     for _ in range(_PARABOLAS):
         best = min(tried, key=total)
         lowest = _lowest([(d, total(d)) for d in _around(tried, best)])
@@ -90,7 +93,8 @@ def found_delay(
     vertex = _vertex(points)
     early = round(vertex, 6) < 0.0 or (vertex == best == 0.0 and len(points) > 2)
     at_bound = early or best >= most - _SAME
-    return FoundDelay(_lowest(points), np.inf if at_bound else error, at_bound)
+    blocks = len(tried[best])
+    return FoundDelay(_lowest(points), np.inf if at_bound else error, at_bound, blocks)
 
 
 def _around(tried: dict[float, Vector], best: float) -> list[float]:
@@ -120,7 +124,7 @@ def _vertex(points: list[tuple[float, float]]) -> float:
     return at if bend <= 0.0 else float(at - scale * slope / (2.0 * bend))
 
 
-def _jackknifed(delays: list[float], squares: Vector) -> float:
+def _jackknifed(delays: list[float], squares: Matrix) -> float:
     """Return the standard error of the lowest point over blocks left out."""
     count = squares.shape[1]
     if len(delays) < 3 or count < 2:

@@ -160,11 +160,19 @@ class ProblemRollout:
                 "unknown: either there is none, or commands are logged later than they "
                 "act (check their clock)"
             )
-        elif found is not None and np.isfinite(found.error):
+        elif found is not None and choice.delay_interval is not None:
+            low, high = (1e3 * end for end in choice.delay_interval)
             notes.append(
-                f"delay {1e3 * found.delay:.2f} +- {1e3 * found.error:.2f} ms, from "
-                "the scatter between blocks of the motion; errors of the model, such "
-                "as bodies that are not the robot's, may shift it by more"
+                f"delay {1e3 * found.delay:.2f} ms, 95 % interval {low:.2f} to "
+                f"{high:.2f} ms, from the scatter between blocks of the motion and "
+                "from friction of other kinds; bodies that are not the robot's may "
+                "shift it by more"
+            )
+        elif found is not None:
+            notes.append(
+                f"delay {1e3 * found.delay:.2f} ms; its error is unknown: with "
+                "friction of another kind, or without a block of the motion, no delay "
+                "predicts best"
             )
         if s.equal_motors:
             groups = "; ".join(", ".join(group) for group in s.equal_motors)
@@ -246,6 +254,7 @@ class ProblemRollout:
                 "friction_slope": list(s.friction_slope),
                 "delay": s.delay,
                 "delay_error": _known(self.settings.delay),
+                "delay_interval": _listed(self.settings.delay_interval),
                 "equal_motors": [list(group) for group in s.equal_motors or ()],
                 "simulated_terms_only": s.simulated,
                 "spring": s.spring,
@@ -267,6 +276,10 @@ class ProblemRollout:
 
 def _known(found: FoundDelay | None) -> float | None:
     return None if found is None or not np.isfinite(found.error) else found.error
+
+
+def _listed(interval: tuple[float, float] | None) -> list[float] | None:
+    return None if interval is None else list(interval)
 
 
 def rollout_of(

@@ -142,6 +142,11 @@ class Settings:
         the problem.
     couplings : bool
         Whether gears are coupled as the problem says, or not at all.
+    stribeck_velocity : float, optional, [rad/s or m/s]
+        Speed at which Stribeck friction of all joints fades; by default that of the
+        problem.
+    load_friction : bool, optional
+        Whether friction depends on the load; by default that of the problem.
     """
 
     cutoff: float = 10.0
@@ -153,6 +158,8 @@ class Settings:
     simulated: bool = False
     spring: bool | None = None
     couplings: bool = True
+    stribeck_velocity: float | None = None
+    load_friction: bool | None = None
 
 
 def with_settings(problem: Problem, settings: Settings) -> Problem:
@@ -175,6 +182,10 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
     }
     if settings.spring is not None:
         drives["spring"] = settings.spring
+    if settings.stribeck_velocity is not None:
+        drives["stribeck_velocity"] = settings.stribeck_velocity
+    if settings.load_friction is not None:
+        drives["load_friction"] = settings.load_friction
     joints = problem.model.robot.joint_names
     require_known(settings.friction_slope, joints, "friction_slope: no joint")
     preparation = change(
@@ -333,8 +344,14 @@ def replay_errors(
     estimate: Estimate,
     logs: Sequence[Recording],
     step: float = STEP,
+    offsets: Sequence[Matrix] | None = None,
 ) -> list[Matrix]:
     """Return the errors of an estimate's rollouts, (samples, joints) of each log.
+
+    Parameters
+    ----------
+    offsets : sequence of ndarray, shape (samples, joints), optional, [N m or N]
+        Additional friction at the samples of each log, of which the clock is uniform.
 
     Raises
     ------
@@ -347,7 +364,11 @@ def replay_errors(
     period = min(1.0 / log.rate for log in known)
     model = replay_model(estimate, joints, gains, period=period, step=step)
     delay = problem.delay_of_commands
-    return [replay(model, log, delay=delay).errors for log in known]
+    more = [None] * len(known) if offsets is None else offsets
+    return [
+        replay(model, log, delay=delay, offsets=given).errors
+        for log, given in zip(known, more, strict=True)
+    ]
 
 
 def within(recordings: Sequence[Recording], spans: Spans) -> list[Recording]:
@@ -442,18 +463,26 @@ def squares_of_parts(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:
 
 
 def block_squares(
-    problem: Problem, estimate: Estimate, logs: Sequence[Recording]
+    problem: Problem,
+    estimate: Estimate,
+    logs: Sequence[Recording],
+    offsets: Sequence[Matrix] | None = None,
 ) -> Vector:
     """Return half of the mean squared error over blocks of rollouts, which add up.
 
     Two parts make the whole.
+
+    Parameters
+    ----------
+    offsets : sequence of ndarray, shape (samples, joints), optional, [N m or N]
+        See `replay_errors`.
 
     Raises
     ------
     RecordingError
         If a motion diverges.
     """
-    errors = np.vstack(replay_errors(problem, estimate, logs, SEARCH_STEP))
+    errors = np.vstack(replay_errors(problem, estimate, logs, SEARCH_STEP, offsets))
     blocks = np.array_split(errors, BLOCKS_OF_PART)
     return np.array([(block**2).sum() / errors.size / 2.0 for block in blocks])
 

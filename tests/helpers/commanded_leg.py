@@ -59,22 +59,33 @@ rows = [1220, 1900]
 """
 
 
-def write_leg(folder):
-    """Write ``leg.xml``, ``true.xml``, ``log.csv`` and ``problem.toml``."""
+def write_leg(folder, delay=0.0, stribeck=0.0):
+    """Write ``leg.xml``, ``true.xml``, ``log.csv`` and ``problem.toml``.
+
+    Commands act with a delay [s].  Dry friction at rest is larger by a share, which
+    fades at 0.3 rad/s.
+    """
     (folder / "leg.xml").write_text(ROBOT.format(hip="", knee=""))
     true = ROBOT.format(**TRUTH)
     (folder / "true.xml").write_text(true)
     (folder / "problem.toml").write_text(PROBLEM)
     model = mujoco.MjModel.from_xml_string(true.replace("<freejoint/>", ""))
     model.opt.timestep = 1e-4  # of first order, by the robot's own drives
-    data, rows = mujoco.MjData(model), []
+    data, rows, late = mujoco.MjData(model), [], round(delay / 1e-4)
+    level = model.dof_frictionloss.copy()
     for k in range(1900):
-        t = k / 200.0
-        phase = np.array([1.0, 1.4]) * t * 2.0 + 0.7 * t**2
-        told = 0.5 * np.sin(phase)
-        rows.append([t, *data.qpos, *told])
-        for _ in range(50):
+        rows.append([k / 200.0, *data.qpos, *_told(k)])
+        for step in range(50 * k - late, 50 * (k + 1) - late):
+            told = _told(max(step // 50, 0))
+            more = stribeck * np.exp(-((data.qvel / 0.3) ** 2))
+            model.dof_frictionloss[:] = level * (1.0 + more)
             data.qfrc_applied = 25.0 * (told - data.qpos) - 1.0 * data.qvel
             mujoco.mj_step(model, data)
     head = "time,q1,q2,qdes1,qdes2"
     np.savetxt(folder / "log.csv", rows, delimiter=",", header=head, comments="")
+
+
+def _told(k):
+    t = k / 200.0
+    phase = np.array([1.0, 1.4]) * t * 2.0 + 0.7 * t**2
+    return 0.5 * np.sin(phase)

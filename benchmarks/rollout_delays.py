@@ -1,0 +1,209 @@
+"""Whether true delays are inside the intervals of `rollout`, on simulated logs.
+
+``python benchmarks/rollout_delays.py [--seeds A-B] [--bodies model|identified]``: a
+seed is a robot of example-robot-data under PD drives, a kind of friction, a delay of
+commands, and a motion.  MuJoCo simulates it in steps of 0.5 ms; friction is dry, and
+its level depends on speed (Stribeck) or on the drive's torque (load) besides.  The log
+has the commands and the encoders' positions.  A problem is drafted of it, and settings
+are chosen as `rollout` does without options.  ``scatter`` is 1.96 standard errors by
+the scatter between blocks of the motion, ``interval`` is what `rollout` prints.
+Seconds are those of the processor.
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+from time import process_time
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+import pandas as pd
+from repair import EXAMPLES
+
+import consistent_id as ci
+from consistent_id.recordings.signals import PDGains
+from consistent_id.rollout.chosen_settings import chosen_settings
+from consistent_id.rollout.commanded_motion import drive_commands
+from consistent_id.rollout.replay_model import compiled_model, replay_spec
+
+RATE, SECONDS, STEP = 200.0, 20.0, 5e-4  # Hz, s, s
+COUNTS, NOISE = 2**14, 1e-4  # of encoders in a turn; rad
+FRICTIONS = ("plain", "stribeck", "load")
+DELAYS = (0.0, 0.003, 0.007, 0.012)  # s
+
+
+class Robot(NamedTuple):
+    """A robot and its drives; friction and rotors are drawn around these."""
+
+    file: str
+    base: str | None
+    kp: float  # N m/rad
+    kd: float  # N m s/rad
+    coulomb: float  # N m
+    rotor: float  # kg m^2
+    effort: float = np.inf  # N m, of a drive
+
+
+ROBOTS = {
+    "a1": Robot("a1_description/urdf/a1.urdf", "trunk", 40.0, 1.2, 0.6, 0.012),
+    "laikago": Robot(
+        "laikago_description/urdf/laikago.urdf", "trunk", 70.0, 2.0, 1.0, 0.03
+    ),
+    "xarm7": Robot("xarm_description/urdf/xarm7.urdf", None, 250.0, 12.0, 1.2, 0.15),
+    "go2": Robot("go2_description/urdf/go2.urdf", "base", 35.0, 1.0, 0.5, 0.012),
+    "z1": Robot("z1_description/urdf/z1.urdf", None, 120.0, 5.0, 0.8, 0.06),
+}
+
+
+class Case(NamedTuple):
+    """A seed's robot, friction, delay and random numbers."""
+
+    robot: str
+    friction: str
+    delay: float
+    rng: np.random.Generator
+
+
+def case_of(seed: int) -> Case:
+    """Return a seed's case; those of consecutive seeds differ."""
+    names = list(ROBOTS)
+    return Case(
+        names[seed % len(names)],
+        FRICTIONS[seed // 2 % len(FRICTIONS)],
+        DELAYS[seed % len(DELAYS)],
+        np.random.default_rng(seed),
+    )
+
+
+def model_of(robot: Robot) -> ci.RobotModel:
+    """Return a robot's model of its file."""
+    file = EXAMPLES / robot.file
+    return ci.load_robot(file, **({} if robot.base is None else {"base": robot.base}))
+
+
+def commands(model: ci.RobotModel, rng: np.random.Generator) -> np.ndarray:
+    """Return chirps of all joints, shape (samples, joints), [rad]."""
+    time = np.arange(round(SECONDS * RATE)) / RATE
+    told = []
+    for joint in model.driven:
+        low, high = np.clip([joint.limits.lower, joint.limits.upper], -1.5, 1.5)
+        middle, reach = 0.5 * (low + high), min(0.5 * (high - low), 0.5)
+        first, last = rng.uniform(0.1, 0.3), rng.uniform(1.5, 3.0)
+        phase = first * time + 0.5 * (last - first) * time**2 / SECONDS
+        size = reach * rng.uniform(0.5, 0.9) / np.sqrt(1.0 + (time / SECONDS) * 4.0)
+        wave = np.sin(2.0 * np.pi * (phase + rng.uniform()))
+        told.append(middle + size * wave * np.minimum(time, 1.0))
+    return np.column_stack(told)
+
+
+def simulated(case: Case) -> tuple[ci.Recording, PDGains]:
+    """Return the log of a case."""
+    robot, rng = ROBOTS[case.robot], case.rng
+    model = model_of(robot)
+    names, count = model.joint_names, len(model.joint_names)
+    told = commands(model, rng)
+    time = np.arange(len(told)) / RATE
+    start = np.tile(told[0], (len(told), 1))
+    log = ci.Recording(names, time, start, 0.0 * start, position_command=told)
+    gains = PDGains(robot.kp, robot.kd).of(count)
+    level = robot.coulomb * rng.uniform(0.6, 1.5, count)
+    spec = replay_spec(EXAMPLES / robot.file, names, gains, step=STEP)
+    for joint in spec.joints:
+        joint.damping[0] = robot.coulomb * rng.uniform(0.1, 0.4)
+        joint.armature = robot.rotor * rng.uniform(0.7, 1.4)
+    made = compiled_model(spec, case.robot, names, gains)
+    more = level * rng.uniform(0.4, 0.9, count)
+    fades = rng.uniform(0.1, 0.4, count)  # rad/s
+    share = rng.uniform(0.08, 0.2, count)
+    compiled, data = made.compiled, mujoco.MjData(made.compiled)
+    per = round(1.0 / RATE / compiled.opt.timestep)
+    control = drive_commands(
+        log, gains, 1.0 / RATE / per, per * len(told), delay=case.delay
+    )
+    data.qpos[made.positions] = told[0]
+    driven = [compiled.actuator(f"drive of {name}").id for name in names]
+    found = np.zeros_like(told)
+    for k, torque in enumerate(control):
+        if k % per == 0:
+            found[k // per] = data.qpos[made.positions]
+        friction = level.copy()
+        if case.friction == "stribeck":
+            friction += more * np.exp(-((data.qvel[made.velocities] / fades) ** 2))
+        elif case.friction == "load":
+            friction += share * abs(data.actuator_force[driven])
+        compiled.dof_frictionloss[made.velocities] = friction
+        data.ctrl[driven] = torque
+        mujoco.mj_step(compiled, data)
+    found += NOISE * rng.standard_normal(found.shape)
+    quantum = 2.0 * np.pi / COUNTS
+    read = quantum * np.round(found / quantum)
+    return ci.Recording(names, time, read, position_command=told), gains
+
+
+def problem_of_log(case: Case, folder: Path, bodies: str) -> ci.Problem:
+    """Return the problem that is drafted of a case's log."""
+    log, _ = simulated(case)
+    table = {"time": log.time}
+    for j, name in enumerate(log.joints):
+        table[f"q_{name}"] = log.position[:, j]
+        table[f"qdes_{name}"] = log.position_command[:, j]
+    pd.DataFrame(table).to_parquet(folder / "log.parquet")
+    robot = ROBOTS[case.robot]
+    stated = {} if robot.base is None else {"base": robot.base}
+    draft = ci.draft_problem(
+        EXAMPLES / robot.file,
+        folder / "log.parquet",
+        gains=PDGains(robot.kp, robot.kd),
+        bodies=bodies,
+        **stated,
+    )
+    return draft.problem(folder)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", default="0-11")
+    parser.add_argument("--bodies", default="model", choices=["model", "identified"])
+    options = parser.parse_args()
+    first, last = (int(seed) for seed in options.seeds.split("-"))
+    inside: dict[str, list[bool]] = {"scatter": [], "interval": []}
+    widths: dict[str, list[float]] = {"scatter": [], "interval": []}
+    for seed in range(first, last + 1):
+        case = case_of(seed)
+        with tempfile.TemporaryDirectory() as folder:
+            problem = problem_of_log(case, Path(folder), options.bodies)
+            started = process_time()
+            choice = chosen_settings(problem)
+        found = choice.delay
+        ends = {"interval": choice.delay_interval, "scatter": None}
+        if np.isfinite(found.error):
+            half = 1.96 * found.error
+            ends["scatter"] = found.delay - half, found.delay + half
+        shown = []
+        for name, given in ends.items():
+            if given is None:
+                shown.append(f"{name} not known")
+                continue
+            low, high = given
+            inside[name].append(low <= case.delay <= high)
+            widths[name].append(high - low)
+            missed = "" if inside[name][-1] else " missed"
+            shown.append(f"{name} {1e3 * low:.2f} to {1e3 * high:.2f}{missed}")
+        print(
+            f"{seed:4} {case.robot:8} {case.friction:9} {1e3 * case.delay:4.1f} ms: "
+            f"{1e3 * found.delay:5.2f}; {'; '.join(shown)}; "
+            f"{process_time() - started:.1f} s",
+            flush=True,
+        )
+    for name, known in inside.items():
+        if known:
+            print(
+                f"{name}: {sum(known)} of {len(known)} true delays are inside, median "
+                f"width {1e3 * np.median(widths[name]):.2f} ms, unknown in "
+                f"{last + 1 - first - len(known)} cases"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,174 @@
+"""The interval of a delay of commands, for friction that may be of another kind.
+
+Friction that the model lacks shifts the delay with the least error of rollouts by more
+than its scatter between blocks of the motion.  So the delay is found again with
+friction of other kinds: with a sharper change of sign, with Stribeck friction that
+fades at a low and at a higher speed, and with friction that depends on the load.
+MuJoCo has none of the last two; in the replays they are a torque over time, computed
+from the measured motion, which is near the replayed one.  The interval contains the
+intervals of all kinds.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.errors import ConsistentIdError
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.problems.problem import Problem
+from consistent_id.recordings.recording import Recording, velocities
+from consistent_id.rollout.commanded_motion import replayable
+from consistent_id.rollout.delay_search import NEAR, FoundDelay, found_delay
+from consistent_id.rollout.settings import (
+    BLOCKS_OF_PART,
+    Settings,
+    Spans,
+    block_squares,
+    compared_fit,
+    with_settings,
+    within,
+)
+
+_SHARPER = 0.25  # times the velocity scale
+_FADES = (0.2, 0.5)
+"""Speeds at which Stribeck friction fades, over the speed of the motion."""
+
+_APART = 2.0 * NEAR  # s, between the delays that are tried first
+_FURTHEST = 2.9 * NEAR  # s, beyond which no delay is tried
+_LACKING = ("stribeck", "load_friction")  # drive terms that replays do not have
+
+
+def delay_interval(
+    found: FoundDelay,
+    others: Sequence[Callable[[float], Vector]],
+    most: float,
+) -> tuple[float, float] | None:
+    """Return the 95 % interval of a delay, by its scatter and by other friction.
+
+    Parameters
+    ----------
+    found : FoundDelay
+    others : sequence of callable
+        For each kind of friction, the squared errors of blocks of the motion for a
+        delay [s], shape (blocks,).
+    most : float, [s]
+        Longest delay.
+
+    Returns
+    -------
+    tuple of float, or None, [s]
+        None where the delay or one of the others is not known: the squared error has
+        no least value between delays that can be tried.
+    """
+    if found.at_bound or not np.isfinite(found.error):
+        return None
+    around = [found.delay - _APART, found.delay, found.delay + _APART]
+    ends = [_ends(found)]
+    for squares in others:
+        other = found_delay(squares, around, most)
+        shift = other.delay - found.delay
+        if other.at_bound and shift <= 0.0:
+            ends.append((0.0, 0.0))
+        elif np.isfinite(other.error) and abs(shift) < _FURTHEST:
+            ends.append(_ends(other))
+        else:
+            return None
+    return max(min(low for low, _ in ends), 0.0), max(high for _, high in ends)
+
+
+def _ends(found: FoundDelay) -> tuple[float, float]:
+    """Return the 95 % interval by the scatter between blocks."""
+    from scipy.special import stdtrit
+
+    half = float(stdtrit(found.blocks - 1, 0.975)) * found.error
+    return found.delay - half, found.delay + half
+
+
+def other_frictions(
+    problem: Problem, settings: Settings, parts: tuple[Spans, Spans]
+) -> list[Callable[[float], Vector]]:
+    """Return, for each other kind of friction, the squared errors for a delay [s].
+
+    They are infinite where its motion diverges.  A kind that cannot be built is left
+    out, such as friction that depends on the load of unknown bodies.
+
+    Parameters
+    ----------
+    problem : Problem
+        With gains.
+    settings : Settings
+        Those that were chosen.
+    parts : tuple
+        See `squares_of_parts`.
+    """
+    speed = _speed(problem.logs("training"))
+    kinds = [replace(settings, velocity_scale=_SHARPER * settings.velocity_scale)]
+    kinds += [replace(settings, stribeck_velocity=share * speed) for share in _FADES]
+    kinds += [replace(settings, load_friction=True)]
+
+    def squares(kind: Settings, delay: float) -> Vector:
+        made = with_settings(problem, replace(kind, delay=delay))
+        try:
+            return _squares(made, parts)
+        except ConsistentIdError:
+            return np.full(2 * BLOCKS_OF_PART, np.inf)
+
+    return [partial(squares, kind) for kind in kinds if _is_built(problem, kind)]
+
+
+def _is_built(problem: Problem, settings: Settings) -> bool:
+    try:
+        with_settings(problem, settings)
+    except ConsistentIdError:
+        return False
+    return True
+
+
+def _speed(logs: Sequence[Recording]) -> float:
+    """Return the median joint's root-mean-square speed, [rad/s or m/s]."""
+    squares = [(velocities(log) ** 2).mean(axis=0) for log in logs]
+    return float(np.sqrt(np.median(np.mean(squares, axis=0))))
+
+
+def _squares(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:
+    """Return `squares_of_parts` with friction that MuJoCo lacks as torque over time."""
+    logs, found = problem.logs("training"), []
+    for learnt, other in (parts, parts[::-1]):
+        estimate, _ = compared_fit(problem, within(problem.training, learnt))
+        moved = within(problem.training, other)
+        others = [replayable(log) for log in within(logs, other)]
+        torques = _lacking(estimate, moved, others)
+        found.append(block_squares(problem, estimate, others, torques))
+    return np.concatenate(found)
+
+
+def _lacking(
+    estimate: Estimate, moved: Sequence[Recording], logs: Sequence[Recording]
+) -> list[Matrix] | None:
+    """Return the friction that replays lack at the samples of logs, [N m or N].
+
+    Parameters
+    ----------
+    moved : sequence of Recording
+        The filtered motion of the logs.
+    """
+    model = estimate.model
+    x = np.zeros(len(model.layout))
+    for k, (_, name) in enumerate(model.layout.drive, model.layout.inertial_size):
+        x[k] = estimate.parameters[k] if name in _LACKING else 0.0
+    if not x.any():
+        return None
+    joints, torques = model.robot.joint_names, []
+    for motion, log in zip(moved, logs, strict=True):
+        now = motion.of(joints)
+        dq, ddq = velocities(now), now.acceleration
+        ddq = np.gradient(dq, now.time, axis=0) if ddq is None else ddq
+        tau = model.predict(x, now.position, dq, ddq)
+        friction = np.zeros((len(log), len(joints)))
+        for one, name in zip(tau.T, model.torque_joints, strict=True):
+            friction[:, joints.index(name)] = np.interp(log.time, now.time, one)
+        torques.append(friction)
+    return torques

@@ -1,0 +1,71 @@
+"""The interval of a delay, on errors whose least value is known, and on a leg."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from consistent_id import load_problem
+from consistent_id.rollout.delay_interval import delay_interval
+from consistent_id.rollout.delay_search import MOST, FoundDelay
+
+PLACES = np.array([0.006, 0.0075, 0.009, 0.0087])  # s, of blocks of equal weight
+STANDARD = PLACES.std(ddof=1) / np.sqrt(len(PLACES))
+QUANTILE = 3.182446  # Student's t, 3 degrees of freedom, 97.5 %
+FOUND = FoundDelay(0.007, 1e-4, False, 4)
+
+
+def least_at(places):
+    return lambda delay: 1e-6 + (delay - places) ** 2
+
+
+def test_without_other_friction_it_is_the_scatter_between_blocks():
+    half = QUANTILE * FOUND.error
+    expected = 0.007 - half, 0.007 + half
+    assert delay_interval(FOUND, [], MOST) == pytest.approx(expected, rel=1e-6)
+
+
+def test_it_contains_the_intervals_with_other_friction():
+    others = [least_at(PLACES), least_at(PLACES + 0.004)]
+    low, high = delay_interval(FOUND, others, MOST)
+    half = QUANTILE * STANDARD
+    assert low == pytest.approx(min(0.007 - QUANTILE * 1e-4, PLACES.mean() - half))
+    assert high == pytest.approx(PLACES.mean() + 0.004 + half)
+
+
+def test_it_begins_at_none_if_with_other_friction_there_is_none():
+    low, high = delay_interval(FOUND, [least_at(PLACES - 0.02)], MOST)
+    assert low == 0.0 and high == pytest.approx(0.007 + QUANTILE * FOUND.error)
+
+
+def test_there_is_none_if_other_friction_has_a_delay_beyond_the_longest():
+    assert delay_interval(FOUND, [least_at(PLACES + 0.02)], MOST) is None
+
+
+@pytest.mark.parametrize(
+    "other", [np.full(4, np.inf), np.full(4, 1.0)], ids=["diverges", "flat"]
+)
+def test_there_is_none_where_friction_of_another_kind_has_no_best_delay(other):
+    assert delay_interval(FOUND, [lambda _: other], MOST) is None
+
+
+@pytest.mark.parametrize(
+    "found", [replace(FOUND, at_bound=True), replace(FOUND, error=np.inf)]
+)
+def test_there_is_none_where_the_delay_itself_is_not_known(found):
+    assert delay_interval(found, [least_at(PLACES)], MOST) is None
+
+
+@pytest.mark.slow
+def test_a_true_delay_is_inside_though_friction_is_of_another_kind(tmp_path):
+    pytest.importorskip("mujoco")
+    from commanded_leg import write_leg
+
+    from consistent_id.rollout.chosen_settings import chosen_settings
+
+    write_leg(tmp_path, delay=0.007, stribeck=0.8)
+    choice = chosen_settings(load_problem(tmp_path))
+    found = choice.delay
+    assert abs(found.delay - 0.007) > 2.0 * found.error  # by scatter it is outside
+    low, high = choice.delay_interval
+    assert low < 0.007 < high < low + 0.012
