@@ -405,7 +405,7 @@ def _of_inertia(payload: Payload) -> Iterator[Reason]:
         yield Reason(
             "inertia is open",
             "use with care",
-            "the data do not show the inertia about the centre of mass to a half; "
+            "the data do not show the inertia about the centre of mass within 50 %; "
             "controllers get a point mass",
             advice,
         )
