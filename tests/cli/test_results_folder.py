@@ -14,6 +14,7 @@ from logged import write_arm
 import consistent_id as ci
 from consistent_id.cli import main
 from consistent_id.cli.answers import Answer
+from consistent_id.cli.compare import _parameters
 from consistent_id.cli.source import each
 from consistent_id.report.results import Results
 from consistent_id.report.results_writing import _input
@@ -256,6 +257,18 @@ def test_results_of_several_folders_are_put_side_by_side(
     (results / "comparison.md").write_text("mine")
     code, out, _ = run(capsys, "compare", written / "results", results, "--verbose")
     assert code == 0 and f"{results}: comparison.md has been edited since" in out
+
+
+def test_zeros_of_the_solver_are_not_parameters_that_differ():
+    def folder(name, hz, mass):
+        values = {"a.m": (mass, "kg"), "a.hz": (hz, "kg m"), "a.hx": (0.2, "kg m")}
+        record = {n: {"value": v, "unit": unit} for n, (v, unit) in values.items()}
+        return SimpleNamespace(
+            folder=name, record={"delivered": {"parameters": record}}
+        )
+
+    table = _parameters([folder("one", 3e-17, 1.0), folder("two", -4e-17, 2.0)])
+    assert [row[0] for row in table.rows] == ["a.m"]
 
 
 @pytest.mark.slow
