@@ -558,6 +558,8 @@ def _require_order(model: Path, log: Path) -> None:
     """Refuse a log in the place of the robot, and the robot in that of a log."""
     suffixes = {suffix for known in LOG_FORMATS for suffix in known.suffixes}
     first, second = model.suffix.lower(), log.suffix.lower()
+    if model.is_dir() and not log.exists():
+        raise ProblemError(f"{log}: no such file or folder")
     if model.is_dir():
         raise ProblemError(
             f"{model} is a folder, expected a robot's URDF or MJCF file before {log}; "

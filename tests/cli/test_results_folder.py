@@ -293,6 +293,20 @@ def test_a_folder_in_front_of_logs_is_no_robot(tmp_path, capsys):
     assert code == 2 and "is a folder, expected a robot's URDF or MJCF file" in err
 
 
+def test_a_folder_that_does_not_exist_is_named(tmp_path, capsys):
+    code, _, err = run(capsys, "compare", tmp_path, tmp_path / "nowhere")
+    assert code == 2 and f"{tmp_path / 'nowhere'}: no such file or folder" in err
+
+
+@pytest.mark.parametrize("option", [["report", "--output"], ["identify", "--report"]])
+def test_a_report_that_would_be_called_a_pdf_is_refused(option, capsys):
+    command, name = option
+    with pytest.raises(SystemExit) as ended:
+        main([command, "problems/rx60", name, "study.pdf"])
+    assert ended.value.code == 2
+    assert "is an HTML file, name it study.html" in capsys.readouterr().err
+
+
 def test_results_without_recordings_are_checked_as_their_problem_is(
     capsys, monkeypatch
 ):
