@@ -6,32 +6,25 @@ Validation is also compared with training (`leak_findings`).
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import single_threaded
-from consistent_id.constraints import Constraint, FixedMasses
-from consistent_id.constraints.priors import nominal_distance
+from consistent_id.constraints import Constraint
 from consistent_id.diagnosis.changes import change_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import saturation_findings
-from consistent_id.diagnosis.encoder_scales import (
-    scale_instead,
-    together,
-)
+from consistent_id.diagnosis.encoder_scales import scale_instead
 from consistent_id.diagnosis.explain import (
     RUBS,
     SAMPLES,
     FittedLog,
+    bodies_known,
     datasheet_constraints,
-    fitted_log,
+    masses_known,
     thinned,
 )
-from consistent_id.diagnosis.factor_findings import doubted
-from consistent_id.diagnosis.factor_rows import FactorLogs, FactorRows
+from consistent_id.diagnosis.factor_rows import FactorLogs
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
+from consistent_id.diagnosis.joint_shifts import joint_shifts
 from consistent_id.diagnosis.leaks import leak_findings
-from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.one_log import (
     OpenLog,
     Prepare,
@@ -44,15 +37,7 @@ from consistent_id.diagnosis.signal_faults import (
     noise_findings,
     spike_findings,
 )
-from consistent_id.diagnosis.small_shifts import (
-    Moved,
-    hidden_zeros,
-    lag_findings,
-    moved_channels,
-    shift_findings,
-)
 from consistent_id.diagnosis.whole_robot import (
-    contradicted,
     of_usual_size,
     other_robot,
     weighed_gain,
@@ -62,19 +47,11 @@ from consistent_id.diagnosis.wrong_units import (
     model_findings,
     travel_findings,
 )
-from consistent_id.errors import InfeasibleError, SolverError
-from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
-from consistent_id.robot.scaling import placeholders
 
-# Share of the torque that zero offsets and gains have to explain.  Friction that no
-# model has leaves 0.3 to 2 %; a zero offset may take up 0.6 % of that by chance.
-_WORTH = 0.008
-_LARGE = 2.0  # a gain with this score or more is large
 # Findings that matter only where a log is fitted.
 _OF_FITS = ("rank", "motion noise", "encoder resolution")
 # Faults that the log of another robot shows.
@@ -91,7 +68,6 @@ _OF_UNITS = ("torque unit", "torque gain")  # with them, torque has no known siz
 _LATE = ("lag", "drive filter")
 _MASSES = "masses or gain"
 _OF_THE_ROBOT = ("coupling",)  # parts of the robot, not faults of a log
-_PULL = 1e-4  # weight of the squared distance to the nominal robot
 
 
 @single_threaded
@@ -201,12 +177,14 @@ def _without_wrong_gains(
     """Return a model without the torque of joints that have a wrong gain.
 
     Such a torque says nothing about bodies.  Another robot's bodies differ in the
-    torque of the other joints, too.
+    torque of the other joints, too.  Most gains are wrong together because of one
+    cause, which may be another robot: all torques are kept then.
     """
     faults = [f for f in found if f.severity == "fault" and f.kind == "torque gain"]
     wrong = {f.where for f in faults if f.recording}
     kept = tuple(name for name in model.torque_joints if name not in wrong)
-    return replace(model, torque_joints=kept) if kept else model
+    most = 2 * len(kept) >= len(model.torque_joints)
+    return replace(model, torque_joints=kept) if most else model
 
 
 def _explains(finding: LogFinding) -> bool:
@@ -315,7 +293,7 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
     for one in open_:
         alike.setdefault(one.as_is.factors.model.torque_joints, []).append(one.as_is)
     open_ = [_gains_weighed(one, alike) for one in open_]
-    shifts = [finding for logs in alike.values() for finding in _shifts(logs)]
+    shifts = [finding for logs in alike.values() for finding in joint_shifts(logs)]
     # Logs with a fault, or that no body explains, need no other cause: but for other
     # masses, which stand in for any cause that a log by itself does not show.
     faults = {f.kind for one in open_ for f in one.odd if f.severity == "fault"}
@@ -335,7 +313,7 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
         ]
     if len(alike) == 1:
         (logs,) = alike.values()
-        shifts = scale_instead(logs, shifts, _left)
+        shifts = scale_instead(logs, shifts)
     shown = any(f.severity == "fault" for f in shifts)
     lost = not shown and any(f.severity == "fault" for o in open_ for f in o.odd)
     found = [f for f in shifts if not (lost and f.severity == "warning")]
@@ -355,8 +333,8 @@ def _gains_weighed(
         return one
     model = one.as_is.factors.model
     logs = alike[model.torque_joints]
-    recordings, known = [log.recording for log in logs], _known(logs[0].constraints)
-    as_is = FactorLogs.of(model, recordings, masses_known=known)
+    recordings, stated = [log.recording for log in logs], logs[0].constraints
+    as_is = FactorLogs.of(model, recordings, masses_known=masses_known(stated))
     odd = (weighed_gain(f, as_is) if f in suggested else f for f in one.odd)
     return replace(one, odd=tuple(odd))
 
@@ -366,68 +344,16 @@ def _of_one_gain(finding: LogFinding) -> bool:
     return one and finding.severity == "warning"
 
 
-def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
-    """Find wrong zero offsets and gains in all logs together, and the lag of each log.
-
-    The same joints have to move in all of them.
-    """
-    model = logs[0].factors.model
-    try:
-        moved = _moved(logs)
-    except (InfeasibleError, SolverError):
-        return []  # no robot explains the corrected logs: there is no correction
-    lags = [
-        replace(f, recording=log.recording.name)
-        for log, system in zip(logs, moved.systems, strict=True)
-        for f in lag_findings(system)
-    ]
-    if any(f.severity == "fault" for f in lags):
-        return lags  # with a large lag the linearisation is not valid
-    found = shift_findings(model, moved)
-    if found and _explained(logs, moved.sizes) < _WORTH:
-        found = [_unsure(f) for f in found]
-    elif found and _contradicted_shifts(logs, moved.sizes):
-        found = [doubted(f) for f in found]
-    return [*found, *hidden_zeros(model, moved), *lags]
-
-
-def _moved(logs: Sequence[FittedLog]) -> Moved:
-    """Return the zeros and gains that all logs show."""
-    return moved_channels(
-        logs[0].factors.model,
-        lambda sizes: [_linearised(corrected_shifts(log, sizes)) for log in logs],
-    )
-
-
-def _left(logs: Sequence[FittedLog]) -> float:
-    """Return the misfit of all logs with corrected zeros and gains."""
-    try:
-        sizes = _moved(logs).sizes
-    except (InfeasibleError, SolverError):
-        return 0.0
-    return together([corrected_shifts(log, sizes).misfit for log in logs])
-
-
-def _contradicted_shifts(logs: Sequence[FittedLog], sizes: Vector) -> bool:
-    """Return whether nominal bodies contradict shifts; no, if they are not known."""
-    model, known = logs[0].factors.model, _known(logs[0].constraints)
-    if not _bodies_known(model):
-        return False
-    as_is = FactorLogs.of(model, [log.recording for log in logs], masses_known=known)
-    moved = [corrected_shifts(log, sizes).recording for log in logs]
-    return contradicted(as_is, replace(as_is, rows=FactorRows(model, moved)))
-
-
 def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
     """Test clock, gain, zeros and base beside nominal bodies, if these are known.
 
     Logs that are nearly all friction do not take part.
     """
     model, logs = logs[0].factors.model, [log for log in logs if log.friction < RUBS]
-    if not logs or not _bodies_known(model):
+    if not logs or not bodies_known(model):
         return []
-    recordings, known = [log.recording for log in logs], _known(logs[0].constraints)
-    as_is = FactorLogs.of(model, recordings, masses_known=known)
+    recordings, stated = [log.recording for log in logs], logs[0].constraints
+    as_is = FactorLogs.of(model, recordings, masses_known=masses_known(stated))
     changed = change_findings(as_is)
     if any(f.severity == "fault" for f in changed):
         return changed  # no factor is the same in all samples
@@ -442,66 +368,8 @@ def _of_another_robot(
     unit_known: bool,
 ) -> list[LogFinding]:
     """Report that logs may be another robot's, before faults that follow from it."""
-    if not logs or not _bodies_known(model):
+    if not logs or not bodies_known(model):
         return []
     few = [thinned(log, SAMPLES) for log in logs]
-    as_is = FactorLogs.of(model, few, masses_known=_known(constraints))
+    as_is = FactorLogs.of(model, few, masses_known=masses_known(constraints))
     return other_robot(as_is if unit_known else of_usual_size(as_is))
-
-
-def _known(constraints: Sequence[Constraint]) -> bool:
-    """Return whether masses are those of the datasheet."""
-    return any(isinstance(c, FixedMasses) for c in constraints)
-
-
-def _bodies_known(model: TorqueModel) -> bool:
-    """Return whether there are enough torques for a test against nominal bodies."""
-    robot = model.robot
-    some = robot.nominal is not None and not placeholders(robot)
-    return some and len(model.torque_joints) > 1
-
-
-def _explained(logs: Sequence[FittedLog], sizes: Vector) -> float:
-    """Return the torque that shifts explain, relative to all torque."""
-    left = [corrected_shifts(log, sizes).misfit for log in logs]
-    gain = [log.misfit**2 - rest**2 for log, rest in zip(logs, left, strict=True)]
-    return float(max(sum(gain) / len(gain), 0.0) ** 0.5)
-
-
-def _unsure(finding: LogFinding) -> LogFinding:
-    """Lower a finding that explains little to a note, or a large gain to a warning.
-
-    Free masses can stand in for a gain, so that a wrong gain explains little more.
-    """
-    large = finding.kind == "torque gain" and finding.score >= _LARGE
-    return replace(
-        finding,
-        severity="warning" if large else "note",
-        statement=f"{finding.statement}, if nothing else is missing in the model",
-    )
-
-
-def corrected_shifts(log: FittedLog, sizes: Vector) -> FittedLog:
-    """Return a log with corrected zero offsets and gains, fitted again."""
-    if not sizes.any():
-        return log
-    model, recording = log.factors.model, log.recording
-    count = len(model.robot)
-    factor = np.ones(count)
-    places = [model.robot.joint_names.index(name) for name in model.torque_joints]
-    factor[places] += sizes[count:]
-
-    def corrected(raw: Recording) -> Recording:
-        position = raw.position + sizes[:count]
-        return replace(raw, position=position, torque=np.asarray(raw.torque) / factor)
-
-    moved = altered(recording, corrected)
-    return fitted_log(model, moved, log.constraints, log.factors.base)
-
-
-def _linearised(log: FittedLog) -> Linearised:
-    """Linearise about the best fit; undetermined parameters take nominal values."""
-    model, scaled = log.factors.model, log.fit.scaled
-    distance = nominal_distance(model, "pullback", scaled.unit)
-    x = penalised_fit(scaled, distance, _PULL).solution.u * scaled.unit
-    return linearised(model, x, log.recording, log.factors.base)

@@ -83,11 +83,13 @@ class FaultKind:
     threshold : float
         Ratio of the log's misfit to the corrected log's above which it is reported.
     statement, advice : str
-        With the fields ``{joints}``, ``{size}`` and ``{unit}``, and ``{first}`` and
-        ``{second}`` for two joints.
+        With the fields ``{joints}``, ``{size}``, ``{radians}`` of a size in degrees,
+        and ``{unit}``; and ``{first}`` and ``{second}`` for two joints.
     changes : callable
         Function from the joints, and the indices of those whose channels may be wrong,
         to the changes that correct the fault.
+    option : str
+        With the same fields, the option that corrects it if one joint is wrong.
     """
 
     kind: str
@@ -96,6 +98,7 @@ class FaultKind:
     statement: str
     advice: str
     changes: Callable[[Sequence[Joint], Sequence[int]], Iterator[Change]]
+    option: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +117,8 @@ class Correction:
     @property
     def advice(self) -> str:
         """The advice in words."""
-        return self._filled(self.fault.advice)
+        option = self.fault.option if len(self.change.joints) == 1 else ""
+        return self._filled(self.fault.advice + (option and f" ({option})"))
 
     @property
     def cause(self) -> "Cause":
@@ -135,7 +139,12 @@ class Correction:
         first, *others = self.where.split(", ")
         second = others[0] if others else first
         return text.format(
-            joints=self.where, size=size, unit=unit, first=first, second=second
+            joints=self.where,
+            size=size,
+            radians=np.radians(size),
+            unit=unit,
+            first=first,
+            second=second,
         )
 
     def applied(self, prepared: Recording) -> Recording:
@@ -169,11 +178,22 @@ def corrections(robot: RobotModel, torque_joints: Sequence[str]) -> list[Correct
     names = robot.joint_names
     known = [names.index(name) for name in torque_joints]
     places = {"torque": known, "motion": range(len(names)), "both": known}
+    joints = _numbered(robot)
     return [
         Correction(fault, change, ", ".join(names[j] for j in change.joints) or _ALL)
         for fault in FAULT_KINDS
-        for change in fault.changes(robot.driven, places[fault.channels])
+        for change in fault.changes(joints, places[fault.channels])
     ]
+
+
+def _numbered(robot: RobotModel) -> list[Joint]:
+    """Return the joints that move by themselves, each with its parent among these.
+
+    The parent of a joint on the base, or on a link that follows another joint, is -1.
+    """
+    links = [k for k, joint in enumerate(robot.joints) if joint.driven]
+    places = {link: place for place, link in enumerate(links)}
+    return [replace(j, parent=places.get(j.parent, -1)) for j in robot.driven]
 
 
 _ALL = "all joints"
@@ -254,10 +274,11 @@ def _coupled_drives(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[
 def _in_sequence(
     joints: Sequence[Joint], places: Sequence[int]
 ) -> Iterator[tuple[int, int]]:
-    """Yield joints of which one carries the other, if no joint follows another."""
+    """Yield joints of which one carries the other, if both turn, or both slide."""
+    turning = _turning(joints, places)
     for j in places:
         i = joints[j].parent
-        if i in places and joints[i].kind == joints[j].kind:
+        if i in places and (i in turning) == (j in turning):
             yield i, j
 
 
@@ -310,6 +331,7 @@ FAULT_KINDS = (
         "with the position of {joints} reversed",
         "reverse position and velocity of {joints}, or its axis in the model",
         _reversed,
+        "--position-scale {joints}=-1",
     ),
     FaultKind(
         "channel order",
@@ -326,6 +348,7 @@ FAULT_KINDS = (
         "with the position of {joints} times {size:.4g}",
         "multiply position and velocity of {joints} by {size:.4g}: check gear and unit",
         _other_scales,
+        "--position-scale {joints}={size:.4g}",
     ),
     FaultKind(
         "degrees",
@@ -334,6 +357,7 @@ FAULT_KINDS = (
         "with the position of {joints} taken as degrees",
         "multiply position and velocity of {joints} by pi / 180",
         _degrees_of_one,
+        "--position-scale {joints}=0.0174533",
     ),
     FaultKind(
         "channel order",
@@ -394,6 +418,7 @@ FAULT_KINDS = (
         "add {size:g} degrees to the position of {joints}, or turn its frame in the "
         "model",
         _quarter_turns,
+        "--position-offset {joints}={radians:.6g}",
     ),
 )
 """Faults that are sought; a new fault is one entry and one function of changes."""

@@ -125,7 +125,7 @@ def saturation_findings(
             "saturation",
             "fault" if _stays(at, recording.time) else "warning",
             joint,
-            f"{joint}: torque stays at {abs(tau[at]).max():.4g} in {int(at.sum())} of "
+            f"{joint}: torque stays at {_levels(tau[at])} in {int(at.sum())} of "
             f"{len(tau)} samples",
             "leave these samples out, or move more gently: the channel does not show "
             "torque beyond the limit",
@@ -138,6 +138,13 @@ def saturation_findings(
         and abs(tau[at]).max() > 0.0
         and not np.isclose(abs(tau[at]).max(), limits.get(joint, np.inf))
     ]
+
+
+def _levels(torque: Vector) -> str:
+    """Return the limit of a torque, or both, in words."""
+    ends = (float(torque.min()), float(torque.max()))
+    sides = ends if ends[0] < 0.0 < ends[1] else (max(ends, key=abs),)
+    return " and ".join(f"{end:.4g}" for end in sides)
 
 
 def _stays(mask: BoolArray, time: Vector) -> bool:

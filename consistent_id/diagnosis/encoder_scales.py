@@ -5,14 +5,18 @@ than its link.  Zeros and gains of several joints explain a part of such a log. 
 scale of a position explains more than all of them, it has fewer numbers, too.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, corrections
-from consistent_id.diagnosis.explain import FittedLog, corrected
+from consistent_id.diagnosis.explain import (
+    Explanation,
+    FittedLog,
+    corrected,
+    explanation_finding,
+)
 from consistent_id.diagnosis.findings import LogFinding
+from consistent_id.diagnosis.joint_shifts import misfit_without_shifts, together
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import best_fit
 
@@ -21,9 +25,7 @@ STAND_INS = ("offset zero", "torque gain", "clock")
 
 
 def scale_instead(
-    logs: Sequence[FittedLog],
-    found: Sequence[LogFinding],
-    left: Callable[[Sequence[FittedLog]], float],
+    logs: Sequence[FittedLog], found: Sequence[LogFinding]
 ) -> list[LogFinding]:
     """Replace faults of zeros, gains and the clock by a scale that explains more.
 
@@ -31,32 +33,28 @@ def scale_instead(
     ----------
     logs : sequence of FittedLog
         Logs in which the same joints have a torque.
-    left : callable
-        Returns the misfit of logs with corrected zeros and gains, see `together`.
+    found : sequence of LogFinding
+        Findings of all these logs together.
     """
     faults = [f for f in found if f.severity == "fault"]
     if not faults or any(f.kind not in STAND_INS for f in faults):
         return list(found)
-    as_is = together([log.misfit for log in logs])
-    best, misfit = _best_scale(logs)
-    if best is None or misfit * best.threshold > as_is or misfit >= left(logs):
+    best = _best_scale(logs)
+    if best is None or best.score < 1.0 or best.misfit >= misfit_without_shifts(logs):
         return list(found)
-    rest = [f for f in found if f.kind not in STAND_INS]
-    return [_finding(best, misfit, as_is), *rest]
+    return [_finding(best), *(f for f in found if f.kind not in STAND_INS)]
 
 
-def together(misfits: Sequence[float]) -> float:
-    """Return the root of the mean square of logs' misfits."""
-    return float(np.sqrt(np.mean(np.square(misfits))))
-
-
-def _best_scale(logs: Sequence[FittedLog]) -> tuple[Cause | None, float]:
-    """Return the scale with the least misfit in all logs, and that misfit."""
+def _best_scale(logs: Sequence[FittedLog]) -> Explanation | None:
+    """Return the scale with the least misfit in all logs, if all allow one."""
+    as_is = together([log.misfit for log in logs])
     each = [_misfits(log) for log in logs]
-    shared = [cause for cause in each[0] if all(cause in one for one in each)]
-    misfits = {cause: together([one[cause] for one in each]) for cause in shared}
-    best = min(shared, key=misfits.__getitem__, default=None)
-    return best, np.inf if best is None else misfits[best]
+    shared = [
+        Explanation(cause, together([one[cause] for one in each]), as_is)
+        for cause in each[0]
+        if all(cause in one for one in each)
+    ]
+    return min(shared, key=lambda scale: scale.misfit, default=None)
 
 
 def _misfits(log: FittedLog) -> dict[Cause, float]:
@@ -77,15 +75,11 @@ def _misfits(log: FittedLog) -> dict[Cause, float]:
     return found
 
 
-def _finding(cause: Cause, misfit: float, as_is: float) -> LogFinding:
-    cause = replace(cause, excuse=0)
-    return LogFinding(
-        cause.kind,
-        "fault",
-        cause.where,
-        f"{cause.statement}, {misfit:.1%} instead of {as_is:.1%} of each joint's "
-        "torque is unexplained, less than with any zeros and gains; a link that is "
-        "longer or shorter than the model's looks like it",
-        f"{cause.advice}; check the lengths of the model",
-        as_is / misfit / cause.threshold,
+def _finding(scale: Explanation) -> LogFinding:
+    finding = explanation_finding(scale)
+    return replace(
+        finding,
+        statement=f"{finding.statement}; zeros and gains explain less; a link that is "
+        "longer or shorter than the model's looks the same",
+        advice=f"{finding.advice}; check the lengths of the model",
     )

@@ -38,6 +38,7 @@ from consistent_id.recordings.signals.filters import spaced
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.scaling import placeholders
 
 SAMPLES = 1500
 """Most samples that are used; more samples cost time and change no result."""
@@ -233,6 +234,18 @@ def datasheet_constraints(model: TorqueModel) -> tuple[Constraint, ...]:
     known = any(link.datasheet.mass is not None for link in model.robot.links)
     masses = (FixedMasses(),) if known else ()
     return (PhysicalConsistency(), *masses, NonNegativeDrive())
+
+
+def masses_known(constraints: Sequence[Constraint]) -> bool:
+    """Return whether masses are those of the datasheet."""
+    return any(isinstance(c, FixedMasses) for c in constraints)
+
+
+def bodies_known(model: TorqueModel) -> bool:
+    """Return whether there are enough torques for a test against nominal bodies."""
+    robot = model.robot
+    some = robot.nominal is not None and not placeholders(robot)
+    return some and len(model.torque_joints) > 1
 
 
 def fitted_log(

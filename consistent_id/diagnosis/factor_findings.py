@@ -109,11 +109,19 @@ def factor_findings(
             "(standard errors); otherwise, bodies would be "
             f"{_WITHOUT[best.factor.kind]}; an estimate that does not know it would be "
             f"{best.harm:.0%} off in torque",
-            _ADVICE[best.factor.kind],
+            _advice(best),
             min(best.ratio / gate_of(best.factor), abs(best.size) / best.factor.least),
             size="" if rivals else _size(best),
         )
     ]
+
+
+def _advice(found: FoundFactor) -> str:
+    advice = _ADVICE[found.factor.kind]
+    if found.factor.kind != "offset zero":
+        return advice
+    option = f"--position-offset {found.factor.where}={found.size:.2g}"
+    return f"{advice}; if the log's is wrong, {option}"
 
 
 def doubted(finding: LogFinding) -> LogFinding:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id.constraints import Constraint, FixedMasses
+from consistent_id.constraints import Constraint
 from consistent_id.diagnosis.alternatives import alternatives, leaning_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.corrections import corrections
@@ -28,6 +28,7 @@ from consistent_id.diagnosis.explain import (
     explanation_finding,
     explanations,
     fitted_log,
+    masses_known,
     thinned,
     unexplained_findings,
 )
@@ -193,8 +194,8 @@ def _dynamic(
             for f in channel
         ]
     if any(_of_all_gains(f) for f in channel):
-        known_masses = any(isinstance(c, FixedMasses) for c in constraints)
-        beside = FactorLogs.of(model, [prepared], masses_known=known_masses)
+        stated = masses_known(constraints)
+        beside = FactorLogs.of(model, [prepared], masses_known=stated)
         channel = [doubted_gain(f, beside) if _of_all_gains(f) else f for f in channel]
     guessed = [f for f in channel if f.severity == "fault" and f.kind in _GUESSED]
     if guessed and parts and (leaning := leaning_findings(model, prepared, parts)):

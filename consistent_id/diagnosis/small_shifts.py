@@ -282,8 +282,8 @@ def _zero(joint: Joint, d: float, score: float) -> LogFinding:
         "fault",
         joint.name,
         f"{joint.name}: its torque fits a position about {size} {larger}",
-        f"{change.format(size)} the position of {joint.name}, or calibrate its zero; "
-        "check again afterwards",
+        f"{change.format(size)} the position of {joint.name} (--position-offset "
+        f"{joint.name}={d:.3g}), or calibrate its zero; check again afterwards",
         float(score),
     )
 

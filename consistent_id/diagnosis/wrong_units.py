@@ -47,7 +47,7 @@ def travel_findings(robot: RobotModel, log: Recording) -> list[LogFinding]:
     if beyond.sum() > most and share.max() <= _DEGREES:
         return [_travel_in_degrees(share, beyond)]
     if beyond.sum() > most and np.median(share) > _DEGREES:
-        return [_travel_in_counts(share)]
+        return [_travel_in_counts(share[beyond])]
     if (alone := share > _ONE_TRAVEL).sum() > most:
         return []
     names = np.array(robot.joint_names)[limited]
@@ -75,7 +75,7 @@ def _travel_in_counts(share: Vector) -> LogFinding:
         f"joints travel {share.min():.3g} to {share.max():.3g} times the range of "
         "their limits, more than degrees explain: positions are counts of encoders",
         "state the counts of a turn of the joint (--units position=rev/COUNTS), and "
-        "subtract the count at the model's zero",
+        "where the log's zero is, in rad (--position-offset JOINT=VALUE)",
         float(np.median(share)) / _TRAVEL,
     )
 
@@ -87,7 +87,8 @@ def _travel_of_one(joint: str, share: float) -> LogFinding:
         joint,
         f"{joint} travels {share:.3g} times the range of its limits, as most "
         f"joints do not: {share / _DEGREES:.2g} times if its position is in degrees",
-        "check unit and gear ratio of its position and velocity, or correct its limits",
+        "check unit and gear ratio of its position and velocity (--position-scale "
+        f"{joint}=FACTOR), or correct its limits",
         share / _ONE_TRAVEL,
     )
 

@@ -490,6 +490,8 @@ def reason_for_whole(problem: Problem, entry: RecordingTable) -> str:
         return "the motion of a base, or of a wrench sensor, is found from all of it"
     if data is not None and data.wraps == "undo":
         return "[data]: wraps are undone from the first sample on"
+    if data is not None and (data.position_scale or data.position_offset):
+        return "[data]: positions are scaled or shifted in whole recordings"
     if data is not None and data.coupled:
         return "[data]: joints that are coupled are read from whole recordings"
     if data is not None and data.duplicates != "refuse":

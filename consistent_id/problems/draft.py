@@ -189,6 +189,8 @@ class Draft:
             duplicates=stated.duplicates or "refuse",
             missing=stated.missing or "refuse",
             wraps=stated.wraps or "keep",
+            position_scale=dict(stated.position_scale or {}),
+            position_offset=dict(stated.position_offset or {}),
             coupled=dict(stated.coupled or {}),
             torque_gain=gain if len(gain) > 1 else gain[0],
             gain_source=stated.gain_source or "drives",

@@ -194,6 +194,8 @@ class DataTable(FileTable, frozen=True, kw_only=True):
     duplicates: Literal["refuse", "first", "last"] = "refuse"
     missing: Literal["refuse", "omit"] = "refuse"
     wraps: Literal["keep", "undo"] = "keep"
+    position_scale: dict[str, float] = {}
+    position_offset: dict[str, float] = {}
     coupled: dict[str, str] = {}
     torque_gain: float | list[float] = 1.0
     gain_source: Literal["drives", "model"] = "drives"

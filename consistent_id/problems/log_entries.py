@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 import numpy as np
 
+from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
 from consistent_id.errors import ProblemError
@@ -16,6 +17,7 @@ from consistent_id.problems.task_tables import beside_columns
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import unwrapped
 from consistent_id.recordings.signals.drive_torque import (
     DriveCalibration,
     PDGains,
@@ -43,6 +45,69 @@ def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
     require_rows(raw.name, entry, len(raw))
     first, last = rows
     return float(raw.time[first]), float(raw.time[last])
+
+
+_MOTION = (
+    "position",
+    "velocity",
+    "acceleration",
+    "position_command",
+    "velocity_command",
+)
+
+
+def motion_of_joints(
+    recording: Recording,
+    *,
+    wraps: Literal["keep", "undo"] | None,
+    scale: Mapping[str, float] | None,
+    offset: Mapping[str, float] | None,
+    coupled: Mapping[str, str] | None,
+) -> Recording:
+    """Return the motion of the robot's joints from that of a log's columns.
+
+    Whole turns are undone first; then scale and offset change each column, and coupled
+    ones are taken apart.  Torques stay as they are.
+
+    Parameters
+    ----------
+    wraps : {"keep", "undo"}
+        Whether jumps of the position by whole turns are undone.
+    scale : mapping of str to float
+        Factors of the position, velocity, acceleration and commands of joints.
+    offset : mapping of str to float
+        Added to the position and its command afterwards [rad or m].
+    coupled : mapping of str to str
+        See `uncoupled`.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such joint, or a scale is zero.
+    """
+    raw = unwrapped(recording) if wraps == "undo" else recording
+    factors = _of_each("position_scale", scale, raw.joints, 1.0)
+    if not factors.all():
+        raise ProblemError(f"position_scale: {dict(scale or {})}, expected none zero")
+    added = _of_each("position_offset", offset, raw.joints, 0.0)
+    if scale or offset:
+        known = {name: getattr(raw, name) for name in _MOTION}
+        moved = {n: value * factors for n, value in known.items() if value is not None}
+        for name in moved.keys() & {"position", "position_command"}:
+            moved[name] = moved[name] + added
+        raw = replace(raw, **moved)
+    return uncoupled(raw, coupled or {})
+
+
+def _of_each(
+    name: str, given: Mapping[str, float] | None, joints: Sequence[str], usual: float
+) -> Vector:
+    """Return a value for each joint, the usual one where none is given."""
+    values = dict(given or {})
+    require_known(values, joints, f"{name}: no joint")
+    if not np.isfinite(list(values.values())).all():
+        raise ProblemError(f"{name}: {values}, expected finite numbers")
+    return np.array([values.get(joint, usual) for joint in joints])
 
 
 def uncoupled(recording: Recording, coupled: Mapping[str, str]) -> Recording:
@@ -81,18 +146,9 @@ def uncoupled(recording: Recording, coupled: Mapping[str, str]) -> Recording:
     if not coupled:
         return recording
     back = np.linalg.inv(signs).T
-    known = {name: getattr(recording, name) for name in _COUPLED}
+    known = {name: getattr(recording, name) for name in _MOTION}
     moved = {name: value @ back for name, value in known.items() if value is not None}
     return replace(recording, **moved)
-
-
-_COUPLED = (
-    "position",
-    "velocity",
-    "acceleration",
-    "position_command",
-    "velocity_command",
-)
 
 
 def rows_of(entry: RecordingTable) -> tuple[int, int] | None:

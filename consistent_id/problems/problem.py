@@ -216,9 +216,8 @@ class Problem:
         omit : sequence of int
             Broken rows to leave out, counted from 1.
         """
-        from consistent_id.problems.log_entries import uncoupled
+        from consistent_id.problems.log_entries import motion_of_joints
         from consistent_id.recordings.readers.recording_file import read_recording
-        from consistent_id.recordings.signals import unwrapped
 
         data, path = self._data(), self._path(file)
         if (path, *omit) not in self._read:
@@ -232,10 +231,13 @@ class Problem:
                 duplicates=data.duplicates,
                 missing=data.missing,
             )
-            if data.wraps == "undo":
-                raw = unwrapped(raw)
-            raw = uncoupled(raw, data.coupled)
-            self._read[path, *omit] = raw
+            self._read[path, *omit] = motion_of_joints(
+                raw,
+                wraps=data.wraps,
+                scale=data.position_scale,
+                offset=data.position_offset,
+                coupled=data.coupled,
+            )
         return self._read[path, *omit]
 
     def keep(self, read: Mapping[str, Recording]) -> None:

@@ -16,7 +16,7 @@ from consistent_id.problems.floating.floating_draft import (
     base_in_log,
     floating_columns,
 )
-from consistent_id.problems.log_entries import uncoupled
+from consistent_id.problems.log_entries import motion_of_joints
 from consistent_id.problems.nominal_gains import (
     LogRowsOfJoints,
     NominalGains,
@@ -112,8 +112,13 @@ class RobotLogs:
             raw = recording_from(table, joints, self.columns, name=log.name, **how)
         else:
             raw = read_recording(log, joints, self.columns, topic=stated.topic, **how)
-        raw = unwrapped(raw) if stated.wraps == "undo" else raw
-        return uncoupled(raw, stated.coupled or {})
+        return motion_of_joints(
+            raw,
+            wraps=stated.wraps,
+            scale=stated.position_scale,
+            offset=stated.position_offset,
+            coupled=stated.coupled,
+        )
 
 
 def read_logs(

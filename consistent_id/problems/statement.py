@@ -257,6 +257,22 @@ class Statement:
         "data.wraps",
         choices=("keep", "undo"),
     )
+    position_scale: Mapping[str, float] | None = _said(
+        "log",
+        "--position-scale JOINT=FACTOR ...",
+        "factor from a joint's position and velocity in the log to the model's: -1 if "
+        "its axis is reversed",
+        "data.position_scale",
+        read=words.values("--position-scale JOINT=FACTOR"),
+    )
+    position_offset: Mapping[str, float] | None = _said(
+        "log",
+        "--position-offset JOINT=VALUE ...",
+        "rad or m that are added to a joint's position in the log, if its zero is not "
+        "the model's",
+        "data.position_offset",
+        read=words.values("--position-offset JOINT=VALUE"),
+    )
     coupled: Mapping[str, str] | None = _said(
         "log",
         "--coupled JOINT=JOINT ...",

@@ -94,6 +94,23 @@ def pairs(usage: str) -> Callable[[Sequence[str]], dict[str, str]]:
     return read
 
 
+def values(usage: str) -> Callable[[Sequence[str]], dict[str, float]]:
+    """Return a reader of ``JOINT=NUMBER`` for an option."""
+
+    def read(words: Sequence[str]) -> dict[str, float]:
+        found = {}
+        for joint, value in pairs(usage)(words).items():
+            try:
+                found[joint] = float(value)
+            except ValueError:
+                raise ProblemError(
+                    f"{usage.split()[0]} {joint}={value}: {value!r} is no number"
+                ) from None
+        return found
+
+    return read
+
+
 def contacts(words: Sequence[str]) -> dict[str, str]:
     """Read columns of contacts by frame."""
     usage = "--contact FRAME=COLUMN, FRAME=always, or none alone"

@@ -372,9 +372,11 @@ class Study(StudyFits):
 
 
 def _explain(failure: ConsistentIdError, diagnosis: Diagnosis | None) -> None:
-    """Note the faults of the recordings, for which no estimate may exist."""
-    faults = () if diagnosis is None else diagnosis.faults
-    for fault in {f.kind: f for f in reversed(faults)}.values():
+    """Note the gravest fault of each kind, for which no estimate may exist."""
+    gravest: dict[str, LogFinding] = {}
+    for fault in () if diagnosis is None else diagnosis.faults:
+        gravest.setdefault(fault.kind, fault)
+    for fault in gravest.values():
         failure.add_note(
             f"{fault.kind} ({fault.recording}): {fault.statement}. To do: "
             f"{fault.advice}"

@@ -180,9 +180,14 @@ def costly_constraints(
     parts = [p.label for p in prices[:_NAMED] if p.cost > 0.0]
     if not costly:
         return ()
-    named = ", ".join(f"{c.name} (misfit {c.increase:+.0%})" for c in costly)
+    named = ", ".join(f"{c.name} (misfit {_grown(c.increase)})" for c in costly)
     single = f"; most of all {', '.join(parts)}" if parts else ""
     return (f"constraints that increase the misfit, each alone: {named}{single}",)
+
+
+def _grown(increase: float) -> str:
+    """Return a relative increase as text: ``+30%``, or ``1.9e+03 times``."""
+    return f"{increase:+.0%}" if increase < 1.0 else f"{1.0 + increase:.2g} times"
 
 
 def price_table(prices: Sequence[ShadowPrice]) -> Table:

@@ -41,6 +41,8 @@ WORDS = {
     "duplicates": ["first"],
     "missing": ["omit"],
     "wraps": ["undo"],
+    "position-scale": ["elbow=-1"],
+    "position-offset": ["elbow=0.5"],
     "coupled": ["elbow=shoulder"],
     "gain-source": ["model"],
     "quaternion": ["wxyz"],

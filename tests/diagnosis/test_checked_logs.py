@@ -198,7 +198,8 @@ def test_other_masses_do_not_stand_in_for_what_all_logs_show(
     fitted = SimpleNamespace(
         factors=SimpleNamespace(model=model), recording=SimpleNamespace(name="a.csv")
     )
-    monkeypatch.setattr(all_logs, "_shifts", lambda _: [])
+    monkeypatch.setattr(all_logs, "joint_shifts", lambda _: [])
+    monkeypatch.setattr(all_logs, "scale_instead", lambda _, found: found)
     monkeypatch.setattr(all_logs, "_of_whole_robot", lambda _: whole)
     open_ = OpenLog(fitted, (), tuple(_said(kind) for kind in odd))
     found = all_logs._of_all([open_])

@@ -23,6 +23,7 @@ from consistent_id.estimation.best_fit import best_fit
 from consistent_id.problems.file import PreparationTable
 from consistent_id.problems.preparation import prepared
 from consistent_id.regression import base_parameters
+from consistent_id.robot.model import Mimic
 
 JOINTS = ("joint1", "joint2", "joint3", "joint4")
 
@@ -223,6 +224,57 @@ def test_every_kind_of_the_table_occurs_and_fills_its_sentences():
     pairs = [", ".join(pair) for pair in combinations(JOINTS, 2)]
     exchanged = [c.where for c in found if c.fault.kind == "channel order"]
     assert exchanged == 3 * pairs
+
+
+def test_drives_are_coupled_with_the_joint_that_carries_them_beside_followers():
+    robot = arm().robot
+    follower = replace(robot.joints[1], mimic=Mimic("joint1", 0.5))
+    turning = (robot.joints[0], follower, *robot.joints[2:])
+    last = replace(robot.joints[3], kind="prismatic")
+    for joints, coupled in (
+        # The second link, which follows joint 1, carries joint 3.
+        (turning, {"joint3, joint4"}),
+        # A motor that turns a joint slides none.
+        ((*robot.joints[:3], last), {"joint1, joint2", "joint2, joint3"}),
+    ):
+        other = replace(robot, joints=joints)
+        found = corrections(other, other.joint_names)
+        assert {c.where for c in found if c.fault.kind == "coupled drives"} == coupled
+    part = corrections(robot, JOINTS[1:])
+    assert not any(
+        "joint1" in c.where for c in part if c.fault.kind == "coupled drives"
+    )
+
+
+@pytest.mark.parametrize(("sign", "turns"), [(1.0, "sum"), (-1.0, "difference")])
+def test_channels_of_coupled_drives_become_those_of_their_joints(sign, turns):
+    log = at_samples(clean_log(0))
+    names = ("position", "velocity", "acceleration")
+    moved = {name: getattr(log, name).copy() for name in names}
+    for values in moved.values():
+        values[:, 2] += sign * values[:, 1]  # the motor turns with both joints
+    torque = log.torque.copy()
+    torque[:, 1] -= sign * torque[:, 2]  # so that both motors have the same power
+    power = np.sum(log.torque * log.velocity, axis=1)
+    np.testing.assert_allclose(np.sum(torque * moved["velocity"], axis=1), power)
+    motors = replace(log, torque=torque, **moved)
+    of_joints, of_torque = (
+        next(
+            c
+            for c in corrections(arm().robot, JOINTS)
+            if (c.fault.kind, c.fault.channels) == ("coupled drives", channels)
+            and (c.where, c.change.size) == ("joint2, joint3", sign)
+        )
+        for channels in ("both", "torque")
+    )
+    assert f"turns by the {turns} of both angles" in of_joints.statement
+    for name in (*names, "torque"):
+        found = getattr(of_joints.applied(motors), name)
+        np.testing.assert_allclose(found, getattr(log, name), atol=1e-12)
+    done = "added to" if sign > 0.0 else "subtracted from"
+    assert f"torque of joint3 {done} that of joint2" in of_torque.statement
+    found = of_torque.applied(replace(log, torque=torque))
+    np.testing.assert_allclose(found.torque, log.torque, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -1,58 +1,98 @@
 """The scale of one position, where zeros and gains stand in for it."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
-from faulty_logs import arm, clean_log, logs
+from faulty_logs import arm, at_samples, clean_log
 
-from consistent_id.diagnosis import diagnose
+from consistent_id.diagnosis import diagnose, encoder_scales
+from consistent_id.diagnosis.corrections import corrections
 from consistent_id.diagnosis.encoder_scales import scale_instead
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
 from consistent_id.diagnosis.findings import LogFinding
+from consistent_id.diagnosis.joint_shifts import joint_shifts
 from consistent_id.regression import base_parameters
 
 ZERO = LogFinding("offset zero", "fault", "joint1", "a zero", "check it")
 HIDDEN = LogFinding("hidden zero", "note", "joint4", "any zero", "nothing")
 
 
+def _geared(scale):
+    """Return a log in which the third position has another scale."""
+    log, times = clean_log(1), np.where(np.arange(4) == 2, scale, 1.0)
+    return replace(log, position=times * log.position, velocity=times * log.velocity)
+
+
+@cache
 def _fitted(scale):
-    model, log = arm(), clean_log(5)
-    times = np.where(np.arange(4) == 1, scale, 1.0)
-    moved = replace(log, position=times * log.position, velocity=times * log.velocity)
-    rows = logs().prepared(moved)
+    model, rows = arm(), at_samples(_geared(scale))
     base = base_parameters(model)
-    return moved, fitted_log(model, rows, datasheet_constraints(model), base)
+    return fitted_log(model, rows, datasheet_constraints(model), base)
+
+
+@pytest.fixture
+def misfit_of_zeros(monkeypatch):
+    def leave(misfit):
+        name = "misfit_without_shifts"
+        monkeypatch.setattr(encoder_scales, name, lambda logs: misfit)
+
+    return leave
 
 
 @pytest.mark.slow
-def test_a_scale_that_explains_more_than_zeros_and_gains_is_named_instead():
-    _, fitted = _fitted(1.25)
-    found = scale_instead([fitted], [ZERO, HIDDEN], lambda _: 0.9 * fitted.misfit)
-    assert [(f.kind, f.where) for f in found] == [
-        ("encoder scale", "joint2"),
-        ("hidden zero", "joint4"),
-    ]
-    assert "times 0.8" in found[0].statement
+def test_a_scale_that_explains_more_than_zeros_and_gains_is_named_instead(
+    misfit_of_zeros,
+):
+    fitted = _fitted(1.25)
+    misfit_of_zeros(0.9 * fitted.misfit)
+    first, *rest = scale_instead([fitted], [ZERO, HIDDEN])
+    assert (first.kind, first.where, rest) == ("encoder scale", "joint3", [HIDDEN])
+    assert "times 0.8" in first.statement
+    assert "check the lengths" in first.advice
+    # The same of two logs: each of them allows it.
+    assert scale_instead([fitted, fitted], [ZERO, HIDDEN])[0].where == "joint3"
 
 
-@pytest.mark.slow
-def test_zeros_that_explain_more_than_any_scale_stay():
-    _, fitted = _fitted(1.25)
-    assert scale_instead([fitted], [ZERO], lambda _: 0.0) == [ZERO]
-    _, right = _fitted(1.0)
-    assert scale_instead([right], [ZERO], lambda _: right.misfit) == [ZERO]
+def test_zeros_that_explain_more_than_any_scale_stay(misfit_of_zeros):
+    misfit_of_zeros(0.0)
+    assert scale_instead([_fitted(1.25)], [ZERO]) == [ZERO]
+    right = _fitted(1.0)
+    misfit_of_zeros(1.0)
+    assert scale_instead([right], [ZERO]) == [ZERO]
+    # Half of the logs without the scale are explained too little by it.
+    assert scale_instead([_fitted(1.25), right], [ZERO]) == [ZERO]
+
+
+@pytest.mark.parametrize("margin", [0.99, 1.01])
+def test_a_scale_has_to_explain_as_much_as_any_fault(
+    margin, monkeypatch, misfit_of_zeros
+):
+    fitted = _fitted(1.25)
+    misfit_of_zeros(fitted.misfit)
+    (scale,) = (
+        c.cause
+        for c in corrections(arm().robot, arm().torque_joints)
+        if (c.where, c.fault.kind, c.change.size) == ("joint3", "encoder scale", 0.9)
+    )
+    left = margin * fitted.misfit / scale.threshold
+    monkeypatch.setattr(encoder_scales, "_misfits", lambda log: {scale: left})
+    found = scale_instead([fitted], [ZERO])
+    assert (found == [ZERO]) == (margin > 1.0)
 
 
 def test_a_scale_stands_for_no_fault_of_another_kind_and_for_no_doubt():
     lean = replace(ZERO, kind="gravity")
-    assert scale_instead([], [ZERO, lean], lambda _: 0.0) == [ZERO, lean]
+    assert scale_instead([], [ZERO, lean]) == [ZERO, lean]
     doubt = replace(ZERO, severity="warning")
-    assert scale_instead([], [doubt], lambda _: 0.0) == [doubt]
+    assert scale_instead([], [doubt]) == [doubt]
 
 
 @pytest.mark.slow
-def test_a_diagnosis_of_a_wrong_gear_ratio_accuses_no_zero():
-    moved, _ = _fitted(1.25)
-    found = diagnose(arm(), moved, prepare=logs().prepared)
-    assert not any(f.kind in ("offset zero", "torque gain") for f in found.faults)
+def test_a_diagnosis_of_a_wrong_gear_ratio_accuses_no_gain():
+    # By themselves, zeros and gains would explain the log by a gain.
+    accused = [f.kind for f in joint_shifts([_fitted(1.25)]) if f.severity == "fault"]
+    assert accused == ["torque gain"]
+    found = diagnose(arm(), at_samples(_geared(1.25)))
+    assert [(f.kind, f.where) for f in found.faults] == [("encoder scale", "joint3")]

@@ -22,7 +22,6 @@ from consistent_id.diagnosis import diagnose
 from consistent_id.diagnosis.all_logs import (
     _of_the_robot,
     _of_whole_robot,
-    corrected_shifts,
 )
 from consistent_id.diagnosis.alternatives import gravity_in
 from consistent_id.diagnosis.channel_factors import channel_factors
@@ -35,6 +34,7 @@ from consistent_id.diagnosis.explain import (
 )
 from consistent_id.diagnosis.factor_rows import FactorLogs, factors_of, least_misfit
 from consistent_id.diagnosis.findings import LogFinding
+from consistent_id.diagnosis.joint_shifts import corrected_shifts
 from consistent_id.diagnosis.linearise import LEAST, linearised
 from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.torque_causes import lost_signs, residuals

@@ -19,6 +19,7 @@ from consistent_id.diagnosis.signal_faults import (
     standing_findings,
 )
 from consistent_id.recordings.signals import unwrapped
+from consistent_id.recordings.signals.drive_limits import cut_off
 
 
 def _with(channel, change, joint=1):
@@ -48,19 +49,56 @@ def test_a_channel_that_stops_while_the_joint_moves_is_frozen(channel):
     assert "from 10 s" in finding.statement
 
 
-def test_a_torque_that_is_limited_on_one_side_is_saturated_and_not_frozen():
+@pytest.mark.parametrize("limit", [0.2, -0.6])
+def test_a_torque_that_is_limited_on_one_side_is_saturated_and_not_frozen(limit):
     # Largest in size on the other side, where it is not limited.
     def limited(torque):
-        return np.minimum(torque - np.median(torque), 0.2 * np.std(torque))
+        return np.minimum(torque - np.median(torque), limit * np.std(torque))
 
     log = _with("torque", limited)
     assert frozen_findings(log) == []
     (finding,) = saturation_findings(log)
     assert (finding.kind, finding.where) == ("saturation", "joint2")
+    level = log.torque[:, 1].max()
+    assert f"torque stays at {level:.4g} in" in finding.statement
+    mirrored = replace(log, torque=-log.torque)
+    assert frozen_findings(mirrored) == []
+    (finding,) = saturation_findings(mirrored)
+    assert f"torque stays at {-level:.4g} in" in finding.statement
     # A channel that stops at its largest value does not come back to it.
     (finding,) = frozen_findings(
         _with("torque", lambda t: np.append(t[:2000], np.full(2000, t[:2000].max())))
     )
+    assert finding.kind == "frozen channel"
+
+
+def test_a_torque_that_is_limited_on_both_sides_stays_at_both_values():
+    log = _with("torque", lambda t: np.clip(t - np.median(t), -0.4, 0.6))
+    (finding,) = saturation_findings(log)
+    assert "torque stays at -0.4 and 0.6 in" in finding.statement
+
+
+def test_the_torque_of_a_drive_that_is_switched_off_is_not_cut_off():
+    log = _with("torque", lambda t: np.maximum(t - np.median(t), 0.0))
+    assert not cut_off(log).any()
+
+
+def test_a_rounded_torque_that_never_changes_its_sign_is_not_cut_off():
+    # The least value is read as often as the next ones, and often enough for a limit.
+    rng = np.random.default_rng(0)
+    log = _with("torque", lambda t: rng.integers(20, 40, len(t)).astype(float))
+    assert not cut_off(log).any()
+
+
+def test_a_value_between_others_that_a_torque_comes_back_to_is_no_limit():
+    stops = [slice(600, 1400), slice(2200, 2600)]
+
+    def stopping(torque):
+        for stop in stops:
+            torque[stop] = np.median(torque)
+        return torque
+
+    (finding,) = frozen_findings(_with("torque", stopping))
     assert finding.kind == "frozen channel"
 
 

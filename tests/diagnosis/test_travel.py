@@ -51,6 +51,11 @@ def test_counts_of_encoders_are_named_with_the_option():
     (finding,) = travel_findings(_robot(JointLimits(-2.0, 2.0)), _swing(651.9))
     assert "489 to 489 times the range" in finding.statement
     assert "--units position=rev/COUNTS" in finding.advice
+    # A joint at rest has counts, too, but no travel.
+    swing = _swing(651.9)
+    rests = replace(swing, position=swing.position * [1.0, 1.0, 1.0, 0.0])
+    (finding,) = travel_findings(_robot(JointLimits(-2.0, 2.0)), rests)
+    assert "489 to 489 times the range" in finding.statement
 
 
 @pytest.mark.parametrize("factor", [180.0 / np.pi, 100.0, 1e4])

@@ -9,6 +9,7 @@ from robots import random_robot, random_states
 
 from consistent_id import InertialParameters, Recording, TorqueModel, simulate_torque
 from consistent_id.diagnosis import LogFinding, diagnose
+from consistent_id.diagnosis.all_logs import _without_wrong_gains
 from consistent_id.diagnosis.factor_findings import (
     FoundFactor,
     effects,
@@ -231,6 +232,24 @@ def test_the_torque_of_one_motor_in_front_of_its_gear_makes_no_other_robot():
     found = diagnose(model, [log]).findings
     assert (found[0].kind, found[0].severity) == ("torque gain", "fault")
     assert all(f.kind != "another robot" for f in found)
+
+
+def test_joints_with_a_wrong_gain_are_left_out_of_the_test_for_another_robot():
+    model = arm()
+    gain = LogFinding("torque gain", "fault", "joint2", "", "", 1.0, "log")
+    # A fault of all joints, a doubt, another kind, and a fault of the nominal bodies.
+    others = [
+        replace(gain, where="all joints"),
+        replace(gain, where="joint1", severity="warning"),
+        replace(gain, where="joint3", kind="offset zero"),
+        replace(gain, where="joint4", recording=""),
+    ]
+    left = _without_wrong_gains(model, [gain, *others])
+    assert left.torque_joints == ("joint1", "joint3", "joint4")
+    # Most gains are wrong by one cause, which may be another robot.
+    more = [replace(gain, where=f"joint{k}") for k in (1, 2, 3)]
+    assert len(_without_wrong_gains(model, more[:2]).torque_joints) == 2
+    assert _without_wrong_gains(model, more) is model
 
 
 @pytest.mark.slow

@@ -35,7 +35,7 @@ from consistent_id.estimation.torque_error import Slopes, slopes_on
 from consistent_id.estimation.verdict import WORDS, Verdict, confirmed
 from consistent_id.export import to_json
 from consistent_id.recordings.recording import LogFinding
-from consistent_id.regression import base_parameters
+from consistent_id.regression import GearCoupling, base_parameters
 from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.robot import load_urdf
 from consistent_id.signals import altered
@@ -728,6 +728,23 @@ def test_independent_samples_are_counted_for_each_parameter():
     free = unconstrained_fit(regression, base_parameters(arm))
     spare = fit_of(arm, free, truth).spare
     assert spare * free.solution.rank == pytest.approx(regression.effective.sum())
+
+
+def test_friction_of_a_gear_coupling_counts_and_offsets_and_rotors_do_not():
+    arm, _, log = experiment(0, joints=2, samples=50)
+    one, other = arm.robot.joint_names
+    assert len({joint.kind for joint in arm.robot.joints}) == 1
+    gears = GearCoupling(one, other, viscous=True)
+    drives = DriveTerms(rotor_inertia=True, offset=True)
+    arm = TorqueModel(arm.robot, drives, couplings=(gears,))
+    x = np.append(arm.robot.nominal, [0.1, 3.0, 0.2, -2.0, 0.7])
+    assert arm.layout.names[-1].endswith("viscous")
+    log = simulate_torque(arm, x, log)
+    rubbing = np.where(np.arange(len(x)) == len(x) - 1, x, 0.0)
+    states = log.position, log.velocity, log.acceleration
+    share = np.linalg.norm(arm.predict(rubbing, *states)) / np.linalg.norm(log.torque)
+    free = unconstrained_fit(build_regression(arm, log), base_parameters(arm))
+    assert fit_of(arm, free, x).friction_share == pytest.approx(share)
 
 
 def test_figures_of_a_fit_are_those_of_its_samples():

@@ -8,6 +8,7 @@ import pytest
 from logged import write_arm
 
 import consistent_id as ci
+from consistent_id import Recording
 from consistent_id.problems.draft import draft_table
 from consistent_id.problems.file import (
     ColumnsTable,
@@ -17,6 +18,7 @@ from consistent_id.problems.file import (
     problem_table,
 )
 from consistent_id.problems.kept_text import toml_text
+from consistent_id.problems.log_entries import motion_of_joints
 from consistent_id.problems.overrides import overridden
 from consistent_id.problems.robot_logs import robot_logs
 from consistent_id.problems.statement import (
@@ -53,6 +55,8 @@ WORDS = {
     "duplicates": "first",
     "missing": "omit",
     "wraps": "undo",
+    "position_scale": ["elbow=-1"],
+    "position_offset": ["elbow=0.5"],
     "coupled": ["elbow=-shoulder"],
     "angular_velocity": "gx,gy,gz",
     "acceleration": "ax,ay,az",
@@ -326,6 +330,78 @@ def test_a_forearm_against_the_horizontal_is_given_by_an_option(arm, tmp_path, s
     np.testing.assert_array_equal(read, found.position)
     with pytest.raises(ci.ProblemError, match="coupled wrist = 'elbow': no joint"):
         robot_logs(*files, Statement(coupled={"wrist": "elbow"})).read(files[1])
+
+
+def test_a_reversed_axis_and_another_zero_are_corrected_by_options(arm, tmp_path):
+    def moved(lines):
+        cells = [line.split(",") for line in lines]
+        rows = [
+            [t, repr(-2.0 * float(q)), repr(float(p) - 0.5), *more]
+            for t, q, p, *more in cells
+        ]
+        return [",".join(row) for row in rows]
+
+    files = renamed(arm, tmp_path, rows=moved)
+    corrected = {
+        "position_scale": {"shoulder": -0.5},
+        "position_offset": {"elbow": 0.5},
+    }
+    true, found = (
+        robot_logs(*arm).read(arm[1]),
+        robot_logs(*files, Statement(**corrected)).read(files[1]),
+    )
+    np.testing.assert_allclose(found.position, true.position, atol=1e-12)
+    np.testing.assert_array_equal(found.torque, true.torque)
+    draft = ci.draft_problem(*files, **corrected, select=False, cutoff=10.0)
+    file = tmp_path / "problem.toml"
+    file.write_text(draft.text(tmp_path))
+    problem = ci.load_problem(file, trust=True)
+    read = problem.read(problem.table.data.recordings[0].file)
+    np.testing.assert_array_equal(read.position, found.position)
+    for name in corrected:
+        with pytest.raises(ci.ProblemError, match=f"{name}: no joint 'wrist'"):
+            robot_logs(*files, Statement(**{name: {"wrist": 1.0}})).read(files[1])
+    with pytest.raises(ci.ProblemError, match="expected none zero"):
+        robot_logs(*files, Statement(position_scale={"elbow": 0.0})).read(files[1])
+    with pytest.raises(ci.ProblemError, match="expected finite numbers"):
+        robot_logs(*files, Statement(position_offset={"elbow": np.nan})).read(files[1])
+
+
+@pytest.mark.parametrize(
+    ("scale", "offset", "values"),
+    [({"b": -1.0}, None, [[1, -2], [3, -4]]), (None, {"a": 0.5}, [[1.5, 2], [3.5, 4]])],
+)
+def test_velocities_and_commands_are_scaled_and_not_shifted(scale, offset, values):
+    steps = np.array([[1.0, 2.0], [3.0, 4.0]])
+    log = Recording(
+        ("a", "b"),
+        [0.0, 1.0],
+        steps,
+        velocity=steps,
+        torque=steps,
+        position_command=steps,
+    )
+    moved = motion_of_joints(
+        log, wraps="keep", scale=scale, offset=offset, coupled=None
+    )
+    np.testing.assert_array_equal(moved.position, values)
+    np.testing.assert_array_equal(moved.position_command, values)
+    speeds = steps * [1.0, -1.0] if scale else steps
+    np.testing.assert_array_equal(moved.velocity, speeds)
+    np.testing.assert_array_equal(moved.torque, steps)
+
+
+def test_a_scale_acts_before_coupled_joints_are_taken_apart():
+    log = Recording(("a", "b"), [0.0, 1.0], [[2.0, 3.0], [4.0, 6.0]])
+    moved = motion_of_joints(
+        log, wraps="keep", scale={"a": 0.5}, offset=None, coupled={"b": "a"}
+    )
+    np.testing.assert_allclose(moved.position, [[1.0, 2.0], [2.0, 4.0]])
+
+
+def test_a_joints_value_that_is_no_number_is_refused():
+    with pytest.raises(ci.ProblemError, match="elbow=x: 'x' is no number"):
+        statement_of_words({"position_offset": ["elbow=x"]})
 
 
 def test_whole_turns_are_undone_in_drafts_and_in_problem_files(arm, tmp_path):

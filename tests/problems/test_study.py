@@ -2,6 +2,7 @@
 
 import shutil
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,11 +10,12 @@ import pytest
 from consistent_id import InfeasibleError, SolverError, load_problem
 from consistent_id._support.run import Run, running
 from consistent_id.cli import main
+from consistent_id.diagnosis import Diagnosis, LogFinding
 from consistent_id.estimation.method import Method
 from consistent_id.problems import problem_estimates as estimates_module
 from consistent_id.problems import study as study_module
 from consistent_id.problems import study_fits as fits_module
-from consistent_id.problems.study import Study, run_study
+from consistent_id.problems.study import Study, _explain, run_study
 
 PARTS = (
     "base_of_recordings",
@@ -149,6 +151,20 @@ def test_an_estimate_that_fails_names_the_faults_of_the_log(without_an_estimate,
     (note,) = failure.value.__notes__
     assert "counts of encoders" in note
     assert "--units position=rev/COUNTS" in note
+
+
+def test_the_gravest_fault_of_each_kind_comes_first():
+    faults = [
+        LogFinding("spring", "fault", "", f"{score:g}", "check it", score, "log")
+        for score in (2.0, 7.0)
+    ]
+    faults.append(LogFinding("clock", "fault", "", "3", "check it", 3.0, "log"))
+    failure = InfeasibleError("no robot")
+    _explain(failure, Diagnosis((*faults, replace(faults[0], severity="note"))))
+    assert failure.__notes__ == [
+        "spring (log): 7. To do: check it",
+        "clock (log): 3. To do: check it",
+    ]
 
 
 def test_the_shell_prints_them_below_the_error(without_an_estimate, capsys):

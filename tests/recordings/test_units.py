@@ -72,7 +72,9 @@ def test_counts_of_an_encoder_are_parts_of_a_turn(channel, unit, factor):
     assert factors(known, channel, ["a"]) == pytest.approx(factor, rel=1e-15)
 
 
-@pytest.mark.parametrize("unit", ["rev/0", "rev/-4096", "deg/4096", "rev/"])
+@pytest.mark.parametrize(
+    "unit", ["rev/0", "rev/-4096", "deg/4096", "rev/", "rev/1e400"]
+)
 def test_other_parts_of_a_turn_are_refused(unit):
     with pytest.raises(RecordingError, match="no unit"):
         standard_unit("position", unit)
@@ -86,13 +88,25 @@ def test_other_parts_of_a_turn_are_refused(unit):
             Columns(position="q_{joint}", velocity="dq_{joint} [counts/s]"),
             "--units velocity=rev/COUNTS/s",
         ),
+        (
+            Columns(position="q_{joint}", acceleration="ddq_{joint}_ticks"),
+            "--units acceleration=rev/COUNTS/s^2",
+        ),
     ],
 )
 def test_counts_in_a_name_are_asked_for_the_counts_of_a_turn(tmp_path, names, advice):
     file = tmp_path / "log.csv"
-    file.write_text("time,q_a,q_a_ticks,dq_a [counts/s]\n0,0,0,0\n1,1,4096,2\n")
+    header = "time,q_a,q_a_ticks,dq_a [counts/s],ddq_a_ticks"
+    file.write_text(f"{header}\n0,0,0,0,0\n1,1,4096,2,2\n")
     with pytest.raises(RecordingError, match=re.escape(advice)):
         read_recording(file, ["a"], names)
+
+
+def test_a_number_of_time_steps_is_no_count_of_an_encoder(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time_steps,q_a\n0,0\n1,1\n2,3\n")
+    log = read_recording(file, ["a"], Columns(time="time_steps", position="q_{joint}"))
+    assert log.time.tolist() == [0.0, 1.0, 2.0]
 
 
 @given(st.sampled_from([(c, u) for c, units in KNOWN.items() for u in units]))

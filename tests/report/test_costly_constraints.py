@@ -1,6 +1,7 @@
 """Where constraints and data disagree, the constraint that is wrong is named."""
 
 import numpy as np
+import pytest
 
 from consistent_id import (
     DHRow,
@@ -15,7 +16,11 @@ from consistent_id import (
     from_modified_dh,
     simulate_torque,
 )
-from consistent_id.comparison.constraint_prices import constraint_costs, shadow_prices
+from consistent_id.comparison.constraint_prices import (
+    ConstraintCost,
+    constraint_costs,
+    shadow_prices,
+)
 from consistent_id.report.summary import costly_constraints
 
 
@@ -52,6 +57,17 @@ def test_a_mass_that_the_motion_contradicts_is_named():
     assert line.startswith("constraints that increase the misfit, each alone: ")
     assert "FixedMasses" in line and "NonNegativeDrive" not in line
     assert "link2" in line.partition("most of all")[2]
+
+
+@pytest.mark.parametrize(
+    ("increase", "said"),
+    [(0.3, "(misfit +30%)"), (1.0, "(misfit 2 times)"), (1.4e6, "1.4e+06 times")],
+)
+def test_large_costs_are_multiples(increase, said):
+    constraint, rms = FixedMasses({"link2": 1.0}), np.ones(2)
+    cost = ConstraintCost(constraint, rms, rms, increase, "certified")
+    (line,) = costly_constraints([cost], [])
+    assert said in line
 
 
 def test_a_right_mass_costs_nothing():

@@ -95,7 +95,7 @@ _PER = re.compile(
     r"|[ .·*]?s\^?[{(]?[-⁻](?:1|¹|(?P<less>2|²))[)}]?)$"  # deg.s^-1
 )
 
-_OF_A_TURN = re.compile(r"rev\s*/\s*(?P<counts>[1-9]\d*(?:\.\d+)?(?:e\+?\d+)?)")
+_OF_A_TURN = re.compile(r"rev\s*/\s*(?P<counts>[1-9]\d*(?:\.\d+)?(?:e\+?\d\d?)?)")
 
 # Endings of names that are not SI units.
 _NOT_TIME = (
@@ -270,11 +270,21 @@ def unit_of_a_name(channel: str, pattern: str) -> str:
     found = (_LAST_TORQUE if channel.startswith("torque") else _LAST).search(name)
     if found is None:
         return ""
-    per = {"v": "/s", "a": "/s^2"}.get(channel[0], "")  # left out in many names
-    for said in (found[1], found[1] + per):
+    if channel == "time" and _is_count(found[1]):
+        return ""  # a number of samples has no unit, and no factor to seconds
+    for said in (found[1], found[1] + _per(channel)):  # left out in many names
         with suppress(RecordingError):
             return standard_unit(channel, said)
     return found[1]
+
+
+def _is_count(unit: str) -> bool:
+    return re.match(_COUNTS, unit, re.IGNORECASE) is not None
+
+
+def _per(channel: str) -> str:
+    """Return the time by which a unit of position is divided in a channel."""
+    return {"v": "/s", "a": "/s^2"}.get(channel[0], "")
 
 
 def refuse_units_of_a_name(where: str, channel: str, pattern: str) -> None:
@@ -287,8 +297,8 @@ def refuse_units_of_a_name(where: str, channel: str, pattern: str) -> None:
     """
     if said := unit_of_a_name(channel, pattern):
         unit, why = said, ""
-        if re.match(_COUNTS, said, re.IGNORECASE):
-            unit = "rev/COUNTS" + ("" if channel.startswith("position") else "/s")
+        if _is_count(said):
+            unit = f"rev/COUNTS{_per(channel)}"
             why = ", with the counts of a turn of the joint"
         raise RecordingError(
             f"{where}: column {pattern!r} contains {said!r}; values are read in s, "

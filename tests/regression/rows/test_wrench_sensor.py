@@ -101,6 +101,14 @@ def test_with_noise_errors_are_what_they_are_said_to_be(arm):
     assert tool["tool.m"] == pytest.approx(TOOL.mass, rel=0.01)
 
 
+def test_offsets_of_a_sensor_are_no_friction(arm):
+    model = tool_model()
+    regression = sensor_regression(model, arm, log_of(arm, 100), frame="link6")
+    fit = least_squares(model, regression).fit
+    assert fit.drive_share > 0.1
+    assert np.isnan(fit.friction_share)
+
+
 def test_poses_at_rest_tell_mass_and_centre_of_mass_but_no_inertia(arm):
     log = log_of(arm, 12, still=True)
     poses = static_poses(arm, log.position, log.wrenches[0].values, frame="link6")
