@@ -4,6 +4,7 @@ Results of several folders are compared side by side: verdicts, errors, paramete
 """
 
 import argparse
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -26,6 +27,9 @@ from consistent_id.problems.statement import declarations
 from consistent_id.report.results import Results
 
 _SHOWN = 20  # parameters that differ most
+_ROUNDING = (
+    1e-9  # of the largest parameter of the unit: smaller ones are solver's zeros
+)
 
 
 def side_by_side(results: Sequence[Results]) -> list[Table]:
@@ -75,12 +79,15 @@ def _parameters(results: Sequence[Results]) -> Table:
     every: list[dict[str, Any]] = [r.record["delivered"]["parameters"] for r in results]
     names = [name for name in every[0] if all(name in other for other in every)]
     rows = []
+    largest_of = defaultdict[str, float](float)
+    for found in every:
+        for of in found.values():
+            largest_of[of["unit"]] = max(largest_of[of["unit"]], abs(of["value"]))
     for name in names:
-        values = [float(found[name]["value"]) for found in every]
-        largest = max(map(abs, values))
-        change = (max(values) - min(values)) / largest if largest else 0.0
-        if change:
-            rows.append((change, name, values, every[0][name]["unit"]))
+        values, unit = [float(f[name]["value"]) for f in every], every[0][name]["unit"]
+        largest, difference = max(map(abs, values)), max(values) - min(values)
+        if difference > _ROUNDING * largest_of[unit]:
+            rows.append((difference / largest, name, values, unit))
     rows.sort(key=lambda row: -row[0])
     differ = f"{len(rows)} of {len(names)} in common differ"
     alone = sum(len(found) - len(names) for found in every)

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+import textwrap
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,9 +21,13 @@ if TYPE_CHECKING:
     from consistent_id.recordings.signals import PDGains
     from consistent_id.report.results import Results
 
-_MORE = f"""The formats are {", ".join(known.content for known in EXPORT_FORMATS)}. In
-the problem's own URDF only numbers change. What a format cannot express is printed.
-Exit code 1: do not use the estimate; nothing was written."""
+_FORMATS = ", ".join(known.content for known in EXPORT_FORMATS)
+_MORE = textwrap.fill(
+    f"The formats are {_FORMATS}. In the problem's own URDF only numbers change. What "
+    "a format cannot express is printed. Exit code 1: do not use the estimate; nothing "
+    "was written.",
+    80,
+)
 _NOTHING = "nothing was written"
 _EXAMPLES = """
 consistent-id export problems/ur10e --format urdf --output ur10e.urdf

@@ -12,6 +12,7 @@ from consistent_id.cli.options import (
     TIME_LIMIT,
     Option,
     add_command,
+    page_file,
 )
 from consistent_id.cli.source import SOURCE, STATED, Computed, each, statement, studied
 from consistent_id.errors import ProblemError
@@ -38,7 +39,7 @@ def add_identify(command: argparse.ArgumentParser) -> None:
         run_identify,
         *SOURCE,
         *OUTPUT,
-        Option("--report FILE", "write a report (HTML)"),
+        Option("--report FILE", "write a report (HTML)", page_file),
         Option(
             "--uncertainty",
             "also print the uncertainty of each parameter of the constrained estimate",

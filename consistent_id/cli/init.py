@@ -33,7 +33,11 @@ def add_init(command: argparse.ArgumentParser) -> None:
         run_init,
         Option("model", "URDF or MJCF file", Path),
         Option("log [...]", ", ".join(known.name for known in LOG_FORMATS), Path),
-        Option("--output FILE", "file to write", default=Path("problem.toml")),
+        Option(
+            "--output FILE",
+            "file to write, or a folder that gets problem.toml",
+            default=Path("problem.toml"),
+        ),
         *WRITES,
         *STATED,
         more=_MORE,
@@ -49,6 +53,8 @@ def run_init(options: argparse.Namespace) -> int:
     from consistent_id.problems.paths import names_outside
 
     file = options.output
+    if file.is_dir():
+        file /= "problem.toml"
     if not options.dry_run:
         require_writable_file(file)
     draft = _draft(options)

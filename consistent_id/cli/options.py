@@ -131,6 +131,17 @@ def positive(text: str) -> float:
     return value
 
 
+def page_file(text: str) -> Path:
+    """Read the name of a page, which is HTML."""
+    if Path(text).suffix.lower() in _NO_PAGES:
+        raise argparse.ArgumentTypeError(
+            f"{text}: the report is an HTML file, name it {Path(text).stem}.html; a "
+            "browser prints it as PDF"
+        )
+    return Path(text)
+
+
+_NO_PAGES = (".pdf", ".md", ".docx", ".tex", ".png")
 _VECTORS = ("--gravity", "--tool")
 _NUMBERS = re.compile(r"[-+.\d][-+.,\deE]*")
 

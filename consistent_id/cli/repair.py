@@ -75,7 +75,10 @@ def run_repair(options: argparse.Namespace) -> int:
         written = repair.save(options.output or options.urdf.with_name(name))
     record = repair_record(repair) | {"written": written and str(written)}
     text = repair_table(repair).text()
-    text += f"\nwritten: {written}" if written else "\nnothing was written"
+    nothing = "nothing was written"
+    if repair.refused:
+        nothing += ", not even repaired links: state first what is needed"
+    text += f"\nwritten: {written}" if written else f"\n{nothing}"
     return show(options, Answer(1 if repair.refused else 0, text, record))
 
 

@@ -12,6 +12,7 @@ from consistent_id.cli.options import (
     TIME_LIMIT,
     Option,
     add_command,
+    page_file,
 )
 from consistent_id.cli.source import SOURCE, STATED, each, studied
 
@@ -36,6 +37,7 @@ def add_report(command: argparse.ArgumentParser) -> None:
             "--output FILE",
             "file to write (default: results/NAME/report.html); FILE-NAME for each of "
             "several problems",
+            page_file,
         ),
         FORCE,
         SEED_OF_BOOTSTRAP,

@@ -31,6 +31,7 @@ from consistent_id.cli.answers import lead_nowhere, print_error, warnings_unless
 from consistent_id.errors import ConsistentIdError, ProblemError
 
 _TERMINATED = 143  # the code of a shell for a process that SIGTERM ended
+_OF_ONE_PROBLEM = ("select", "compress", "excite", "rehearse")  # and of no logs
 _OUTPUTS = ("output", "report")  # options that name written files
 
 
@@ -306,6 +307,12 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
         near = get_close_matches(first.partition("=")[0].lstrip("-"), names, n=1)
         hint = f"; did you mean --{near[0]}?" if near else ""
         what = "there is no option" if first.startswith("-") else "not understood:"
+        if wanted in _OF_ONE_PROBLEM and not first.startswith("-"):
+            hint = (
+                f". It takes one problem: consistent-id init {options.problem} {first} "
+                f"--output problem.toml writes that of a robot and a log; then "
+                f"consistent-id {wanted} problem.toml"
+            )
         commands.choices[wanted].error(f"{what} {first}{hint}")
     options.words = tuple(words)
     return options

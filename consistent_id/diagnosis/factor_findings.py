@@ -158,8 +158,8 @@ def hidden_factors(
             "hidden factor",
             "warning" if alone and any(map(_hides_harm, seen)) else "note",
             worst.factor.where,
-            "bodies that differ from the model's as far as usual would hide, one "
-            f"standard error large, {said}",
+            "bodies that differ from the model's as much as usual may hide an error "
+            f"of this size (one standard error): {said}",
             _TOLD[worst.factor.kind],
             worst.doubt / HARM,
         )

@@ -254,7 +254,11 @@ def _placeholders(robot: RobotModel) -> list[LogFinding]:
     if not placeholders(robot):
         return []
     said = "the same mass and inertia: they are placeholders"
-    advice = 'set masses = "free" (--masses free), or the masses of the datasheet'
+    advice = (
+        "write the masses of the datasheet into the robot's file, or leave masses free "
+        '(masses = "free", --masses free); if the links are alike, --accept '
+        '"placeholder inertials"'
+    )
     if not any(link.nominal and link.nominal.mass for link in robot.links):
         said = "no mass and no inertia: the log alone says what they are"
         advice = "state masses that are known, such as those of the datasheet"

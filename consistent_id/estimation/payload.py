@@ -121,7 +121,8 @@ class Payload:
         if not self.gain_errors.any():
             return (
                 "gains that convert currents to torque are assumed to be exact; if "
-                "they are not, state their uncertainty: gain_errors=0.05 for 5 %"
+                "they are not, state their uncertainty: --gain-errors 5 for 5 % "
+                "(gain_errors=0.05)"
             )
         low, high = (f"{100 * e:.2g} %" for e in np.sort(self.gain_errors)[[0, -1]])
         span = low if low == high else f"{low} to {high}"

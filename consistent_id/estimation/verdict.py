@@ -317,9 +317,10 @@ def percent(share: float) -> str:
 
     Examples
     --------
-    >>> percent(0.0312), percent(0.46), percent(413.2)
-    ('3.1 %', '46 %', 'over 1000 %')
+    >>> percent(0.00146), percent(0.0312), percent(0.46), percent(413.2)
+    ('0.15 %', '3.1 %', '46 %', 'over 1000 %')
     """
     if share > 10.0:
         return "over 1000 %"
-    return f"{share:.0%}".replace("%", " %") if share >= 0.1 else f"{100 * share:.1f} %"
+    digits = 0 if share >= 0.1 else 1 if share >= 0.01 else 2
+    return f"{100 * share:.{digits}f} %"

@@ -268,6 +268,9 @@ def _rows(playable: PlayableDesign) -> Iterator[tuple[str, ...]]:
         yield name, f"{move.duration:.2f} s", share, least.joint, least.quantity
 
 
+_COLLISIONS = "collisions: "  # not said twice in the row of this name
+
+
 def request_tables(
     moved: MeasuredBodies, request: DesignRequest, required: Demands
 ) -> list[Table]:
@@ -281,8 +284,8 @@ def request_tables(
     objectives = ", then ".join(aim.objectives) + bound * (len(aim.objectives) > 1)
     pose, times = request.start_pose, request.periods or 1
     lines = [
-        ("collisions", "; ".join(kept_apart(required.scene))),
-        ("limits", kept_limits(required)),
+        ("collisions", "; ".join(kept_apart(required.scene)).removeprefix(_COLLISIONS)),
+        ("limits", kept_limits(required).removeprefix("limits of ")),
         ("duration", f"{form.duration:g} s"),
         ("frequencies", tried),
         ("ends", _ends(form)),

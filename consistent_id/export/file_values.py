@@ -74,7 +74,8 @@ def split_inertia(whole: InertialParameters, parts: Sequence[FileLink]) -> Split
     names = ", ".join(part.name for part in heavy)
     keeps = all(part.body.is_consistent(_ROUNDING) for part in heavy)
     if not whole.is_consistent(_ROUNDING) or (keeps and rest.is_consistent(_ROUNDING)):
-        note = f"{own.name} is the remainder without {names}, which are not changed"
+        fixed = "which is fixed to it" if len(heavy) == 1 else "which are fixed to it"
+        note = f"{own.name} is the remainder without {names}, {fixed} and not changed"
         return SplitInertia((own.given(rest), *(part.body for part in others)), note)
     masses = np.maximum([part.body.mass for part in parts], 0.0)
     if masses.sum() == 0.0:

@@ -108,7 +108,13 @@ class Fleet:
     def headline(self) -> Table:
         """Return the verdict on the bodies, and its main reason."""
         verdict = self.bodies.verdict
-        return Table(f"Shared bodies: {verdict.word}", (), (), verdict.brief)
+        share = (
+            "shares of torque in this verdict are of the torque that friction and "
+            "offsets, each robot's own, do not explain",
+        )
+        notes = verdict.brief
+        notes = notes if verdict.word == "use" else (*notes[:1], *share, *notes[1:])
+        return Table(f"Shared bodies: {verdict.word}", (), (), notes)
 
     def table(self) -> Table:
         """Return the robots, those that differ most first."""

@@ -296,7 +296,8 @@ def read_problem_table(path: Path) -> ProblemTable:
         raise ProblemError(
             f"{path} is a robot's file, expected a problem's. Name it in the [model] "
             "of a problem.toml, which consistent-id init writes, or give a log beside "
-            f"it: consistent-id identify {path} LOG (check likewise)"
+            f"it, as in consistent-id identify {path} LOG; so do check, compare, "
+            "report, export, payload, gains and rollout"
         )
     if any(path.suffix.lower() in known.suffixes for known in LOG_FORMATS):
         raise ProblemError(

@@ -255,14 +255,12 @@ def _found(
         if len(stated.torque_gain) or cause.options or log in tables:
             raise
         with_currents = partial(guessed, replace(known, currents=True))
-        raise _with_gains(cause, with_currents, robot, log) from None
+        locking = partial(_with_locked, model, stated, robot)
+        raise _with_gains(cause, with_currents, locking, log) from None
     stated = replace(stated, topic=guess.topic)
     if log not in tables and "position" not in guess.columns.units:
         _require_usual_units(log, guess)
-    absent = [name for name in robot.joint_names if name not in guess.joints]
-    locked = dict(stated.locked or {}) | dict.fromkeys(absent, 0.0)
-    if absent:
-        robot = _loaded(model, replace(stated, locked=locked))
+    robot, locked = _with_locked(model, stated, robot, guess.joints)
     gains_of(stated.torque_gain, len(robot.joint_names))
     kept = (f"{path} stands for a table in memory" for path in tables)
     said = () if log in tables else log_format(log).notes(log)
@@ -358,10 +356,19 @@ def _stated_with(stated: Statement, words: Sequence[str]) -> Statement:
     return replace(stated, **{name: getattr(more, name) for name in more.given})
 
 
+def _with_locked(
+    model: Path, stated: Statement, robot: RobotModel, joints: Sequence[str]
+) -> tuple[RobotModel, dict[str, float]]:
+    """Return the robot with the joints that a log does not have locked, and these."""
+    absent = [name for name in robot.joint_names if name not in joints]
+    locked = dict(stated.locked or {}) | dict.fromkeys(absent, 0.0)
+    return _loaded(model, replace(stated, locked=locked)) if absent else robot, locked
+
+
 def _with_gains(
     cause: RecordingError,
     guessed: Callable[[], ColumnGuess],
-    robot: RobotModel,
+    locking: Callable[[Sequence[str]], tuple[RobotModel, dict[str, float]]],
     log: Path,
 ) -> RecordingError:
     """Return an error with the gains that the model's bodies imply for currents.
@@ -370,6 +377,7 @@ def _with_gains(
     """
     try:
         guess = guessed()
+        robot, _ = locking(guess.joints)
         if guess.joints != robot.joint_names or guess.columns.torque is None:
             return cause
         plain = [1.0] * len(guess.joints)  # which a current's unit needs, too
@@ -563,6 +571,8 @@ def _require_order(model: Path, log: Path) -> None:
     """Refuse a log in the place of the robot, and the robot in that of a log."""
     suffixes = {suffix for known in LOG_FORMATS for suffix in known.suffixes}
     first, second = model.suffix.lower(), log.suffix.lower()
+    if model.is_dir() and not log.exists():
+        raise ProblemError(f"{log}: no such file or folder")
     if model.is_dir():
         raise ProblemError(
             f"{model} is a folder, expected a robot's URDF or MJCF file before {log}; "

@@ -48,6 +48,7 @@ from consistent_id.recordings.recording import COMMANDS
 from consistent_id.recordings.unnamed_columns import (
     array_order,
     clock_column,
+    listed_joints,
     without_names,
 )
 from consistent_id.robot.parameters import did_you_mean
@@ -202,14 +203,20 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     names = [name for name in names if name not in known.taken]
     if "time" not in known.channels:
         found = replace(found, time=clock_column(log, names, in_file=in_file))
-    moved = joints
+    ordered = in_file and known.arrays is None
+    moved, here = joints, joints
+    listed: tuple[str, ...] = ()  # the names of arrays' joints
     for channel in ("position", "velocity", known.effort):
         if channel in known.channels:
             continue
         patterns = _candidates(channel, names, moved, known)
         patterns = [p for p in patterns if not (flat and p.is_array)]
         if in_file:
-            patterns = _with_motion(log, patterns, len(moved))
+            if channel == "position" and ordered and any(p.is_array for p in patterns):
+                listed = listed_joints(log, names, joints)
+                here = tuple(joint for joint in joints if joint in listed)
+            width = len(listed if listed and here == joints else moved)
+            patterns = _with_motion(log, patterns, width)
         if not patterns and channel == "velocity":
             continue
         if not patterns:
@@ -217,7 +224,12 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             raise _not_found(log, channel, names, where, known)
         best, *others = patterns
         if in_file and best.is_array and channel == "position":
-            _require_width(log, best.text, moved, known.rows)
+            shape = np.shape(reader_of(log).read_arrays(log, [best.text])[best.text])
+            if listed and here != joints and len(listed) in shape:
+                return _searched(log, found, replace(known, joints=here))
+            if width not in shape:
+                listed = ()
+                _require_width(log, best.text, shape, moved, known.rows)
         found = _with(found, channel, best)
         if channel == "position":
             moved = best.joints
@@ -233,8 +245,8 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             notes.append(f"{best.text} is taken as the position: no other column is")
         if also := rivals(best, others):
             notes.append(f"{channel} is read from {best.text}, not from {also}")
-    if in_file and found.array_joints and known.arrays is None:
-        order = array_order(log, names, tuple(found.array_joints))
+    if ordered and found.array_joints:
+        order = listed or array_order(log, names, tuple(found.array_joints))
         found = replace(found, array_joints=order)
     return ColumnGuess(found, moved, tuple(notes))
 
@@ -425,11 +437,11 @@ def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
 def _require_width(
     log: Path,
     name: str,
+    shape: tuple[int, ...],
     joints: Sequence[str],
     rows: Mapping[int, Sequence[Sequence[str]]] | None,
 ) -> None:
     """Refuse an array that has columns of fewer or more joints."""
-    shape = np.shape(reader_of(log).read_arrays(log, [name])[name])
     if len(shape) != 2 or len(joints) in shape:
         return
     options = _locked(min(shape), joints, rows)

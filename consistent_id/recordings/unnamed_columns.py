@@ -8,7 +8,7 @@ proposed, and the rest are named.
 """
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -312,18 +312,8 @@ def array_order(
     RecordingError
         If it names other joints; with the option that maps them.
     """
-    reader = reader_of(log)
-    labels = getattr(reader, "labels", None)
-    for name in names:
-        said = words(name.replace("/", ".").rpartition(".")[2])
-        if len(joints) < 2 or not {"name", "names"} & said or not said <= _OF_NAMES:
-            continue
-        if labels is not None:
-            found = tuple(labels(log, name))
-        else:
-            text = np.asarray(reader.read_arrays(log, [name])[name])
-            found = tuple(map(str, text.reshape(-1))) if text.dtype.kind == "U" else ()
-        if len(found) != len(joints):
+    for name, found in _lists_of_names(log, names):
+        if len(joints) < 2 or len(found) != len(joints):
             continue
         if set(found) != set(joints):
             raise RecordingError(
@@ -332,6 +322,33 @@ def array_order(
             )
         return found
     return joints
+
+
+def listed_joints(
+    log: Path, names: Sequence[str], joints: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Return the names of a log's array of names that has some of the joints."""
+    lists = _lists_of_names(log, names) if len(joints) > 1 else ()
+    return next((found for _, found in lists if set(found) & set(joints)), ())
+
+
+def _lists_of_names(
+    log: Path, names: Sequence[str]
+) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield the arrays of text that may name the joints of a log's arrays."""
+    reader = reader_of(log)
+    labels = getattr(reader, "labels", None)
+    for name in names:
+        said = words(name.replace("/", ".").rpartition(".")[2])
+        if not {"name", "names"} & said or not said <= _OF_NAMES:
+            continue
+        if labels is not None:
+            found = tuple(labels(log, name))
+        else:
+            text = np.asarray(reader.read_arrays(log, [name])[name])
+            found = tuple(map(str, text.reshape(-1))) if text.dtype.kind == "U" else ()
+        if len(set(found)) == len(found) > 0:
+            yield name, found
 
 
 def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:

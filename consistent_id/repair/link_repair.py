@@ -163,6 +163,7 @@ def repair_table(repair: Repair) -> Table:
         else f"nothing to repair: {count} inertials are physically consistent"
     ]
     for link in repair.links:
+        notes += [_said(link)] if link in wrong else []
         notes += [f"{link.link}: {link.warning}"] if link.warning else []
         if link.status in ("refused", "doubtful"):
             notes += _suggested(link)
@@ -171,7 +172,7 @@ def repair_table(repair: Repair) -> Table:
         notes.append(f"{', '.join(names)}: {remedy}")
     return Table(
         f"{repair.source}",
-        ("link", "line", "wrong", "done", "moments now [kg m^2]", "change"),
+        ("link", "line", "status", "moments now [kg m^2]", "change"),
         tuple(_row(link) for link in wrong),
         tuple(notes),
     )
@@ -187,13 +188,20 @@ def _suggested(link: LinkRepair) -> list[str]:
     ]
 
 
+def _said(link: LinkRepair) -> str:
+    """Return what is wrong with a link, and what was done or is needed."""
+    done = f"{link.status}: {link.remedy}" if link.remedy else link.status
+    return (
+        f"{link.link}: {link.fault}; {done}" if link.fault else f"{link.link}: {done}"
+    )
+
+
 def _row(link: LinkRepair) -> tuple[str, ...]:
     refused = link.status in ("refused", "doubtful")
     return (
         link.link,
         str(link.line),
-        link.fault,
-        f"{link.status}: {link.remedy}" if refused else link.remedy,
+        link.status,
         "-" if refused else _moments(link.after),
         "-" if refused or not np.isfinite(link.change) else f"{link.change:.2g}",
     )

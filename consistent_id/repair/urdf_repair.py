@@ -187,9 +187,12 @@ def _refusal(stated: StatedInertial, mass: float | None, options: RepairOptions)
     if stated.displaced:
         return "the centre of mass cannot be known; correct it"
     if mass is None or mass < 0.0:
-        return "its mass cannot be known; state it"
+        return "its mass cannot be known; state it: --mass LINK=KG"
     if stated.inertia is None and options.density is None and mass > 0.0:
-        return "its inertia cannot be known; state a density, to replace it by a ball"
+        return (
+            "its inertia cannot be known; state a density, to replace it by a ball: "
+            "--density KG/M3"
+        )
     return ""
 
 

@@ -17,6 +17,7 @@ from consistent_id.comparison.comparison import (
 from consistent_id.comparison.constraint_prices import ConstraintCost, ShadowPrice
 from consistent_id.diagnosis.findings import diagnosis_table
 from consistent_id.estimation.cross_validation import RegularisationPath
+from consistent_id.estimation.expected_error import ExpectedError
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.recommendation import SlackChoice
 from consistent_id.estimation.verdict import percent
@@ -85,10 +86,15 @@ def expected_lines(study: Study) -> tuple[str, ...]:
         )
     return tuple(
         f"expected on {error.recording}: {expected.range}; measured "
-        f"{percent(error.stacked)}"
-        + ("" if expected.contains(error.stacked) else ", outside")
+        f"{percent(error.stacked)}" + _beyond(expected, error.stacked)
         for error, expected in known
     )
+
+
+def _beyond(expected: ExpectedError, error: float) -> str:
+    if expected.contains(error):
+        return ""
+    return ", less than expected" if error < expected.low else ", more than expected"
 
 
 def delivery_line(study: Study) -> tuple[str, ...]:

@@ -91,7 +91,7 @@ class GainCheck:
                     f"{self.gains[place]:.4g}",
                     f"{self.half_intervals[place]:.2g}",
                     f"{100.0 * (self.factors.gains[place] - 1.0):+.1f}",
-                    "off" if self.off[place] else "-",
+                    "off" if self.off[place] else "not off",
                 )
             rows.append((joint, stated, *found))
         header = ("joint", "stated", "gain", "95 % +-", "change, %", "stated gain is")

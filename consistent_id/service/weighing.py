@@ -295,7 +295,10 @@ def weigh_load(
     carrier = robot.link_names[flange.carrier]
     load = Link(name, datasheet=Datasheet())
     found = _estimated(runs, load, carrier, known_mass, gain_errors)
-    reasons = _reasons(found, flange.frame, known_mass)
+    reasons = (
+        *_of_assumed_gains(problem, found, gain_errors),
+        *_reasons(found, flange.frame, known_mass),
+    )
     return WeighedLoad(
         found.payload,
         flange.frame,
@@ -399,13 +402,30 @@ def _reasons(
     yield from _of_inertia(payload)
 
 
+def _of_assumed_gains(
+    problem: Problem, found: _Estimated, gain_errors: ArrayLike
+) -> Iterator[Reason]:
+    """Doubt gains taken from the model's bodies, unless a known mass tested them."""
+    data = problem.table.data
+    if data is None or data.gain_source == "drives" or found.gains is not None:
+        return
+    ignored = "" if np.any(gain_errors) else ", and the intervals ignore their errors"
+    errors = "" if np.any(gain_errors) else "state their errors (--gain-errors 5), or "
+    yield Reason(
+        "assumed gains",
+        "use with care",
+        f"the gains of the torque were taken from the model's bodies{ignored}",
+        f"{errors}weigh a load of known mass first: consistent-id gains",
+    )
+
+
 def _of_inertia(payload: Payload) -> Iterator[Reason]:
     advice = "accelerate the last joints quickly, with the load and without it"
     if inertia_is_open(payload):
         yield Reason(
             "inertia is open",
             "use with care",
-            "the data do not show the inertia about the centre of mass to a half; "
+            "the data do not show the inertia about the centre of mass within 50 %; "
             "controllers get a point mass",
             advice,
         )

@@ -141,6 +141,26 @@ def test_wrong_usage_ends_with_2(capsys):
     assert message.count("\n") == 1
 
 
+@pytest.mark.parametrize("command", ["select", "compress", "excite", "rehearse"])
+def test_a_log_beside_a_robot_is_answered_with_the_command_that_reads_it(
+    capsys, command
+):
+    output = ["--output", "r.json"] if command == "compress" else []
+    with pytest.raises(SystemExit) as ended:
+        main([command, "robot.urdf", "log.csv", *output])
+    assert ended.value.code == 2
+    shown = capsys.readouterr().err
+    assert "consistent-id init robot.urdf log.csv --output problem.toml" in shown
+    assert f"consistent-id {command} problem.toml" in shown
+
+
+def test_no_line_of_any_help_is_wider_than_100_columns(capsys):
+    for command in ("export", "excite", "identify", "rollout", "servo"):
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        assert max(map(len, capsys.readouterr().out.splitlines())) <= 100
+
+
 def test_no_word_at_all_lists_the_commands(capsys):
     with pytest.raises(SystemExit) as ended:
         main([])

@@ -95,6 +95,14 @@ def test_an_edited_problem_file_is_not_replaced_and_no_search_is_lost(
     assert mine.read_text() == 'name = "mine"\n'
 
 
+def test_init_writes_the_problem_into_a_folder_that_is_there(urdf, tmp_path, capsys):
+    folder = tmp_path / "study"
+    folder.mkdir()
+    assert main(["init", str(urdf), "--output", str(folder)]) == 0
+    assert f"written: {folder / 'problem.toml'}" in capsys.readouterr().out
+    assert (folder / "problem.toml").exists()
+
+
 def test_init_without_a_log_says_what_to_record(urdf, tmp_path, capsys):
     file = tmp_path / "study.toml"
     assert main(["init", str(urdf), "--output", str(file)]) == 0

@@ -14,6 +14,7 @@ from logged import write_arm
 import consistent_id as ci
 from consistent_id.cli import main
 from consistent_id.cli.answers import Answer
+from consistent_id.cli.compare import _parameters
 from consistent_id.cli.source import each
 from consistent_id.report.results import Results
 from consistent_id.report.results_writing import _input
@@ -258,6 +259,18 @@ def test_results_of_several_folders_are_put_side_by_side(
     assert code == 0 and f"{results}: comparison.md has been edited since" in out
 
 
+def test_zeros_of_the_solver_are_not_parameters_that_differ():
+    def folder(name, hz, mass):
+        values = {"a.m": (mass, "kg"), "a.hz": (hz, "kg m"), "a.hx": (0.2, "kg m")}
+        record = {n: {"value": v, "unit": unit} for n, (v, unit) in values.items()}
+        return SimpleNamespace(
+            folder=name, record={"delivered": {"parameters": record}}
+        )
+
+    table = _parameters([folder("one", 3e-17, 1.0), folder("two", -4e-17, 2.0)])
+    assert [row[0] for row in table.rows] == ["a.m"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["problem.toml", "delivered.json", "results.json"])
 def test_what_reads_a_folder_writes_no_other_file_over_it(name, results, capsys):
@@ -278,6 +291,20 @@ def test_a_folder_in_front_of_logs_is_no_robot(tmp_path, capsys):
     _, log = write_arm(tmp_path)
     code, _, err = run(capsys, "check", tmp_path, log)
     assert code == 2 and "is a folder, expected a robot's URDF or MJCF file" in err
+
+
+def test_a_folder_that_does_not_exist_is_named(tmp_path, capsys):
+    code, _, err = run(capsys, "compare", tmp_path, tmp_path / "nowhere")
+    assert code == 2 and f"{tmp_path / 'nowhere'}: no such file or folder" in err
+
+
+@pytest.mark.parametrize("option", [["report", "--output"], ["identify", "--report"]])
+def test_a_report_that_would_be_called_a_pdf_is_refused(option, capsys):
+    command, name = option
+    with pytest.raises(SystemExit) as ended:
+        main([command, "problems/rx60", name, "study.pdf"])
+    assert ended.value.code == 2
+    assert "is an HTML file, name it study.html" in capsys.readouterr().err
 
 
 def test_results_without_recordings_are_checked_as_their_problem_is(

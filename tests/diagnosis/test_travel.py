@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from faulty_logs import arm
 
-from consistent_id import Recording
-from consistent_id.diagnosis.wrong_units import speed_findings, travel_findings
+from consistent_id import InertialParameters, Recording
+from consistent_id.diagnosis.wrong_units import (
+    model_findings,
+    speed_findings,
+    travel_findings,
+)
 from consistent_id.robot.model import JointLimits
 
 
@@ -92,3 +96,12 @@ def test_joints_beyond_their_speed_limits_are_reported(rated, severity):
         (rest,) = speed_findings(robot, replace(left_out, torque_known=half))
         share = np.mean(late & (abs(speed[:, 0]) > 1.05 * 1.3))
         assert f"up to 1.15 times, in {share:.0%} of" in rest.statement
+
+
+def test_equal_inertials_are_placeholders_or_accepted():
+    robot = arm().robot
+    body = InertialParameters.from_central(1.0, (0, 0, 0.1), 0.01 * np.eye(3))
+    links = tuple(replace(link, nominal=body) for link in robot.links)
+    (found,) = model_findings(replace(robot, links=links))
+    assert found.kind == "placeholder inertials"
+    assert '--accept "placeholder inertials"' in found.advice

@@ -337,7 +337,8 @@ def test_the_first_of_the_worst_reasons_leads_those_of_the_same_factor():
 @pytest.mark.parametrize(
     ("share", "said"),
     [
-        (0.0, "0.0 %"),
+        (0.0, "0.00 %"),
+        (0.00146, "0.15 %"),
         (0.0994, "9.9 %"),
         (0.1, "10 %"),
         (10.0, "1000 %"),

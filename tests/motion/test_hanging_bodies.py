@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 from published_robots import FOLDER
 
-from consistent_id import ProblemError
+from consistent_id import ModelError, ProblemError
 from consistent_id.excitation.design_record import clearance_words
 from consistent_id.motion.collisions.clearance import prove_clearance
 from consistent_id.motion.collisions.file_tree import FileTree, file_tree
@@ -179,6 +179,18 @@ def test_a_limb_that_nothing_can_avoid_is_refused_with_the_joints_to_lock(tmp_pa
     assert "proven" not in clearance_words(scene)
     locked = load_urdf(path, tip="hand", locked={"grip": 1.6, "tap": 0.0})
     assert scene_from_urdf(path, locked).pairs
+
+
+def test_meshes_that_are_all_missing_are_named_with_the_option_for_their_package(
+    tmp_path,
+):
+    mesh = _shape('<mesh filename="package://arms/arm.stl"/>')
+    text = "".join(LINK.format(name=name, shape=mesh) for name in ("base", "arm"))
+    joint = _joint("shoulder", "base", "arm", lower=-1, upper=1)
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm">{text}{joint}</robot>')
+    with pytest.raises(ModelError, match=r"was not found .*--package-dirs"):
+        scene_from_urdf(path, load_urdf(path), readable_only=True)
 
 
 MIMIC = '<mimic joint="elbow" multiplier="-1.5" offset="0.2"/>'

@@ -57,6 +57,21 @@ def test_hulls_are_as_far_apart_as_a_quadratic_programme_says(seed):
     assert np.isclose(near.distance[0, 0], np.sqrt(gap.value), atol=1e-5)
 
 
+@pytest.mark.parametrize("rim", (254, 255, 1000))
+def test_a_cone_of_a_fine_mesh_is_as_far_away_as_its_tip(rim):
+    # Coal refuses corners with 255 neighbours or more, such as the tip.
+    turn = np.linspace(0.0, 2.0 * np.pi, rim, endpoint=False)
+    base = np.column_stack([0.0 * turn - 1.0, np.cos(turn), np.sin(turn)])
+    cone = Hull([*base, [0.0, 0.0, 0.0]])
+    near = _still(
+        Body("cone", cone), Body("ball", Sphere(0.3), "link1", translation=[1, 0, 0])
+    )
+    assert np.isclose(near.distance[0, 0], 0.7, atol=1e-6)
+    beside = Body("ball", Sphere(0.3), "link1", translation=[-1, 0, 1.5])
+    distance = _still(Body("cone", cone), beside).distance[0, 0]
+    assert 0.2 - 1e-3 < distance < 0.2 + 1e-3
+
+
 def test_a_pendulum_is_above_the_ground_by_its_lowest_point():
     rows = [DHRow(-np.pi / 2, 0)]  # turns about a horizontal axis
     robot = from_modified_dh("pendulum", rows)

@@ -110,6 +110,26 @@ def test_logs_together_have_smaller_errors_and_one_table(tmp_path, arm, capsys):
     assert main([*words, "--known-mass", "2"]) == 2
 
 
+def test_gains_are_proposed_for_a_log_of_fewer_joints_than_the_robot(
+    tmp_path, arm, capsys
+):
+    hand = f"""<joint name="grip" type="revolute"><parent link="{arm.links[-1].name}"/>
+      <child link="hand"/> <axis xyz="1 0 0"/>
+      <limit lower="-1" upper="1" velocity="1" effort="9"/></joint>
+      <link name="hand"><inertial><mass value="1e-6"/>
+      <inertia ixx="1e-9" ixy="0" ixz="0" iyy="1e-9" iyz="0" izz="1e-9"/>
+      </inertial></link></robot>"""
+    urdf, log = tmp_path / "arm.urdf", tmp_path / "log.csv"
+    urdf.write_text(urdf.read_text().replace("</robot>", hand))
+    t, q, _, _ = motion()
+    names = [f"{word}_{n}" for word in ("q", "current") for n in arm.joint_names]
+    columns = np.column_stack([t, q, currents(arm)])
+    head = ",".join(["t", *names])
+    np.savetxt(log, columns, delimiter=",", header=head, comments="")
+    assert main(["check", str(urdf), str(log)]) == 2
+    assert f"check {urdf} {log} --torque-gain" in capsys.readouterr().err
+
+
 def test_reversed_columns_are_said(arm):
     t, q, _, _ = motion()
     backwards = currents(arm) * np.sign(GAINS) * -1.0

@@ -7,11 +7,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from pyarrow.feather import write_feather
+from scipy.io import savemat
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.log_formats import log_format
-from consistent_id.recordings.readers import Columns, read_recording
+from consistent_id.recordings.readers import Columns, parquet, read_recording
 from consistent_id.recordings.readers.recording_file import column_names
 
 JOINTS = ("shoulder", "elbow")
@@ -90,6 +91,47 @@ def test_arrays_beside_their_names(tmp_path):
     assert_is_read(plain)
 
 
+@pytest.mark.parametrize("kind", ["cell", "char"])
+@pytest.mark.parametrize("struct", [False, True])
+def test_variables_of_matlab_beside_their_names(tmp_path, kind, struct):
+    names = ["elbow", "shoulder"]  # of a char array, the shorter is filled with blanks
+    fields = arrays(np.array(names, dtype=object if kind == "cell" else None))
+    savemat(tmp_path / "log.mat", {"log": fields} if struct else fields)
+    assert_is_read(tmp_path / "log.mat")
+
+
+def test_a_cell_array_of_matlab_73_beside_arrays(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "log.mat", "w", userblock_size=512) as file:
+        for name in ("time", "position", "torque"):
+            file[name] = np.atleast_2d(arrays(OTHER)[name].T)  # column by column
+            file[name].attrs["MATLAB_class"] = np.bytes_("double")
+        cells = []
+        for name in OTHER:
+            codes = np.array([[ord(letter)] for letter in name], dtype=np.uint16)
+            file[f"#refs#/{name}"] = codes
+            file[f"#refs#/{name}"].attrs["MATLAB_class"] = np.bytes_("char")
+            cells.append(file[f"#refs#/{name}"].ref)
+        file["joint_names"] = np.array([cells], dtype=h5py.ref_dtype)
+        file["joint_names"].attrs["MATLAB_class"] = np.bytes_("cell")
+    assert_is_read(tmp_path / "log.mat")
+
+
+def test_arrays_beside_names_may_have_fewer_joints_or_more_than_the_robot(tmp_path):
+    file = tmp_path / "log.npz"
+    np.savez(file, **arrays(np.array(OTHER)))
+    guess = guess_columns(file, KnownColumns(("base", *JOINTS)))
+    assert guess.joints == JOINTS
+    more = arrays(np.array([*OTHER, "gripper"]))
+    for name in ("position", "torque"):
+        more[name] = np.column_stack([more[name], TIME])
+    np.savez(file, **more)
+    assert_is_read(file)
+    of_others = arrays(np.array([*OTHER, "gripper"]))  # names of another thing
+    np.savez(file, **of_others)
+    assert guess_columns(file, KnownColumns(JOINTS)).columns.array_joints == JOINTS
+
+
 def test_lists_in_cells_beside_their_names(tmp_path):
     file = tmp_path / "log.csv"
     frame = {"time": TIME, "name": [OTHER] * len(TIME)}
@@ -155,3 +197,29 @@ def test_a_long_table_of_arrow_is_read_side_by_side(tmp_path, kind):
     (note,) = log_format(file).notes(file)
     assert "each of elbow, shoulder: they are read side by side" in note
     assert not log_format(file).in_pieces(file)
+
+
+def test_a_long_table_is_read_once_as_long_as_the_file_is_the_same(
+    tmp_path, monkeypatch
+):
+    file = tmp_path / "log.parquet"
+    table = {
+        "time": np.repeat(TIME, 2),
+        "joint": OTHER * len(TIME),
+        "position": POSITION[:, ::-1].ravel(),
+        "effort": TORQUE[:, ::-1].ravel(),
+    }
+    times, read_columns = [], parquet.read_columns
+
+    def counted(path, names):
+        times.append(path)
+        return read_columns(path, names)
+
+    monkeypatch.setattr(parquet, "read_columns", counted)
+    pq.write_table(pa.table(table), file)
+    assert_is_read(file)
+    assert len(log_format(file).notes(file)) == 1
+    assert len(times) == 1
+    table["joint"] = ["hand", "wrist"] * len(TIME)
+    pq.write_table(pa.table(table), file)
+    assert "hand.position" in column_names(file)

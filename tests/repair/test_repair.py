@@ -240,6 +240,12 @@ def test_what_cannot_be_worked_on_is_refused(tmp_path, text, options, message):
         repair_urdf(path)
 
 
+def test_the_table_is_narrow_and_a_refusal_names_the_option(broken):
+    text = repair_table(repair_urdf(broken('value="1.0"', 'value="-1.0"'))).text()
+    assert "refused: its mass cannot be known; state it: --mass LINK=KG" in text
+    assert "  link  line  status" in text
+
+
 @pytest.mark.slow
 def test_the_command_writes_beside_the_file(broken, capsys):
     path = broken(INERTIA, TOO_LONG)

@@ -225,7 +225,7 @@ def test_a_motion_that_the_data_do_not_predict_is_held_against_no_range():
         expected_held_out=(ExpectedError(1.6, 0.3, 9.0), ExpectedError(0.5, 0.3, 4.0)),
     )
     assert expected_lines(study) == (
-        "expected on near: 30 % to over 100 %; measured 12 %, outside",
+        "expected on near: 30 % to over 100 %; measured 12 %, less than expected",
     )
 
 

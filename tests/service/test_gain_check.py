@@ -50,6 +50,7 @@ def test_gains_are_those_of_the_simulated_drives(found):
 
 def test_the_table_states_what_the_problem_file_needs(found):
     table = found.table()
+    assert {row[-1] for row in table.rows} <= {"off", "not off"}
     (line,) = [note for note in table.notes if note.startswith("torque_gain")]
     listed = [float(word) for word in line.split("[")[1].rstrip("]").split(",")]
     np.testing.assert_allclose(listed, found.gains, rtol=1e-4)

@@ -207,6 +207,17 @@ def test_right_gains_are_left_alone(problem, files):
     assert len(found.tables()) == 3
 
 
+def test_gains_of_the_models_bodies_are_doubted_until_a_known_mass_tests_them(files):
+    stated = {**PLAIN, "torque_gain": [1.0] * 4, "gain_source": "model"}
+    assumed = draft_problem(files["robot"], files["empty"], **stated).problem()
+    weighed = weigh_load(assumed, files["loaded"], link="flange")
+    (reason,) = weighed.verdict.grounds
+    assert (weighed.verdict.word, reason.kind) == ("use with care", "assumed gains")
+    assert "--gain-errors" in reason.advice
+    tested = weigh_load(assumed, files["loaded"], link="flange", known_mass=LOAD.mass)
+    assert "assumed gains" not in {r.kind for r in tested.verdict.reasons}
+
+
 def test_frames_that_make_no_sense_are_refused(problem, files):
     loaded = files["loaded"]
     with pytest.raises(ModelError, match="no link named"):

@@ -18,6 +18,8 @@ from consistent_id.errors import ProblemError
 
 _ORTHONORMAL = 1e-9  # entries of R^T R - 1
 _CHUNK = 4096  # directions at a time, so that their products stay in cache
+_MOST_NEIGHBOURS = 254  # of a corner, which coal counts in one byte
+_DIRECTIONS = 1024  # 128, with at most as many corners, are always few enough
 
 
 class Shape(Protocol):
@@ -273,13 +275,41 @@ def coal_geometry(shape: Shape) -> Any:
         case Cylinder(radius, length):
             return coal.Cylinder(radius, length)
         case Hull():
+            hull = _thinned(shape)
             points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-            points.extend(list(shape.points))
-            triangles.extend([coal.Triangle(*t) for t in shape.facets.tolist()])
+            points.extend(list(hull.points))
+            triangles.extend([coal.Triangle(*t) for t in hull.facets.tolist()])
             return coal.Convex(points, triangles)
     raise ProblemError(
         f"shape {shape!r}: expected Sphere, Box, Capsule, Cylinder, Hull or HalfSpace"
     )
+
+
+def _thinned(hull: Hull) -> Hull:
+    """Keep corners farthest in fewer directions until coal can store all neighbours.
+
+    Coal only finds directions: distances along them are those of all corners.
+    """
+    kept, directions = hull, _DIRECTIONS
+    while _neighbours(kept) > _MOST_NEIGHBOURS:
+        kept = Hull(np.unique(hull.farthest(_spread(directions)), axis=0))
+        directions //= 2
+    return kept
+
+
+def _neighbours(hull: Hull) -> int:
+    """Return the most neighbours of a corner."""
+    a, b, c = hull.facets.T
+    edges = np.sort(np.column_stack([[*a, *b, *c], [*b, *c, *a]]), axis=1)
+    return int(np.bincount(np.unique(edges, axis=0).ravel()).max())
+
+
+def _spread(count: int) -> Array:
+    """Return directions evenly spread over the sphere, on a spiral."""
+    number = np.arange(count) + 0.5
+    z, turn = 1.0 - 2.0 * number / count, np.pi * (1.0 + np.sqrt(5.0)) * number
+    ring = np.sqrt(1.0 - z**2)
+    return np.column_stack([ring * np.cos(turn), ring * np.sin(turn), z])
 
 
 def _positive(what: str, **sizes: float) -> None:

@@ -159,9 +159,9 @@ def scene_from_urdf(
     """
     path = Path(path)
     shapes = urdf_shapes(path, package_dirs, elements, pieces)
-    if shapes.unread and not readable_only:
-        raise shapes.unread[0].cause
     bodies = [body for body in shapes.bodies if _has(robot, body)]
+    if shapes.unread and not (readable_only and bodies):
+        raise shapes.unread[0].cause
     if not bodies:
         raise ModelError(
             f"{path}: {len(shapes.bodies)} shapes, none of a link of robot "

@@ -57,9 +57,31 @@ def labels(path: Path, name: str) -> tuple[str, ...]:
     try:
         with h5py.File(path) as file:
             found = file[name]
-            if found.dtype.kind not in "SO" or found.size > _MOST_LABELS:
+            texts = h5py.check_string_dtype(found.dtype) is not None
+            if not texts or found.size > _MOST_LABELS:
                 return ()
             return tuple(map(str, found.asstr()[()].reshape(-1)))
+    except _UNREADABLE as cause:
+        raise RecordingError(f"{path}: {name} is not readable: {cause}") from None
+
+
+def matlab_texts(path: Path, name: str) -> tuple[str, ...]:
+    """Return the texts of a cell array of MATLAB 7.3; none of one with other cells."""
+    import h5py
+
+    try:
+        with h5py.File(path) as file:
+            found = file[name.replace(".", "/")]
+            kind = found.attrs.get("MATLAB_class", b"")
+            if kind not in (b"cell", "cell") or found.size > _MOST_LABELS:
+                return ()
+            cells = [file[place] for place in np.asarray(found[()]).T.reshape(-1)]
+            if any(
+                c.attrs.get("MATLAB_class", b"") not in (b"char", "char") for c in cells
+            ):
+                return ()
+            codes = [np.asarray(c[()]).reshape(-1).tolist() for c in cells]
+            return tuple("".join(map(chr, text)) for text in codes)
     except _UNREADABLE as cause:
         raise RecordingError(f"{path}: {name} is not readable: {cause}") from None
 

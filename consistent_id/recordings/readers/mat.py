@@ -66,7 +66,9 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
 
 
 def array_names(path: Path) -> tuple[str, ...]:
-    """Return the names of arrays of numbers, those in single structures by their path.
+    """Return the names of arrays of numbers and of lists of texts.
+
+    Those in single structures have their path as name.
 
     Raises
     ------
@@ -93,7 +95,31 @@ def _inside(name: str, value: Any) -> list[str]:
             for inner in _inside(f"{name}.{field}", value[field].reshape(-1)[0])
         ]
     numeric = isinstance(value, np.ndarray) and value.dtype.kind in "iufb"
-    return [name] if numeric else []
+    return [name] if numeric or len(_texts(value)) > 1 else []
+
+
+def labels(path: Path, name: str) -> tuple[str, ...]:
+    """Return the texts of a cell array or of the rows of a char array; else none."""
+    if in_pieces(path):
+        found: tuple[str, ...] = HDF5.reader(path).matlab_texts(path, name)
+        return found
+    if fault := _damage(path.read_bytes(), path):
+        raise RecordingError(f"{path}: not readable as MATLAB file: {fault}")
+    first, *_ = name.split(".")
+    return _texts(_value(path, _loaded(path, [first]), name))
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    """Return the texts of a list of them, without the blanks that fill char arrays."""
+    if not isinstance(value, np.ndarray):
+        return ()
+    cells = value.reshape(-1)
+    if value.dtype.kind == "O":
+        inner = [np.asarray(cell).reshape(-1) for cell in cells]
+        texts = [c[0] for c in inner if len(c) == 1 and c.dtype.kind == "U"]
+    else:
+        texts = list(cells) if value.dtype.kind == "U" else []
+    return tuple(str(t).strip() for t in texts) if len(texts) == value.size else ()
 
 
 def in_pieces(path: Path) -> bool:
@@ -140,6 +166,17 @@ def _loaded(path: Path, names: Sequence[str] | None) -> dict[str, Any]:
 
 
 def _field(path: Path, variables: dict[str, Any], name: str) -> NDArray[Any]:
+    value = _value(path, variables, name)
+    if not isinstance(value, np.ndarray) or value.dtype.names or value.dtype.hasobject:
+        raise RecordingError(
+            f"{path}: {name.replace('/', '.')!r} is not an array of numbers. Save "
+            "structures' fields, tables and timeseries as such arrays"
+        )
+    return value
+
+
+def _value(path: Path, variables: dict[str, Any], name: str) -> Any:
+    """Return a variable, or a field of structures."""
     first, *fields = name.replace("/", ".").split(".")
     value, seen = variables[first], first
     for field in fields:
@@ -150,12 +187,6 @@ def _field(path: Path, variables: dict[str, Any], name: str) -> NDArray[Any]:
                 f"{path}: {seen!r} is an array of {value.size} structures, expected one"
             )
         value, seen = value[field].reshape(-1)[0], f"{seen}.{field}"
-    if not isinstance(value, np.ndarray) or value.dtype.names or value.dtype.hasobject:
-        raise RecordingError(
-            f"{path}: {seen!r} is not an array of numbers. Save structures' fields, "
-            f"tables "
-            "and timeseries as such arrays"
-        )
     return value
 
 

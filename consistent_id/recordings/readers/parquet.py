@@ -1,6 +1,7 @@
 """Columns of a Parquet file, and of any Arrow table."""
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -211,12 +212,24 @@ def number_columns(schema: Any) -> list[str]:
 
 def _long(path: Path) -> tuple[dict[str, np.ndarray], LongOrder] | None:
     """Return a table with a row for each joint side by side; None of other files."""
-    schema = _schema(path)
-    if not (likely := naming_columns(schema)):
+    if not naming_columns(schema := _schema(path)):
         return None
+    state = path.stat()
+    return _read_long(path, state.st_mtime_ns, state.st_size, schema)
+
+
+# A table is asked for its names, its notes and its values.
+@lru_cache(maxsize=1)
+def _read_long(
+    path: Path, changed: int, size: int, schema: Any
+) -> tuple[dict[str, np.ndarray], LongOrder] | None:
+    """Return the table that a file has since it was changed [ns]."""
     columns = dict(read_columns(path, number_columns(schema)))
-    columns |= {name: _texts(path, name) for name in likely}
-    return side_by_side(columns)
+    columns |= {name: _texts(path, name) for name in naming_columns(schema)}
+    found = side_by_side(columns)
+    for values in found[0].values() if found else ():
+        values.setflags(write=False)
+    return found
 
 
 def _texts(path: Path, name: str) -> np.ndarray:

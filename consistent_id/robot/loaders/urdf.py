@@ -117,7 +117,9 @@ def load_urdf(
 
 def _report(path: Path, findings: tuple[Finding, ...]) -> None:
     """Raise the first error, or log the first warning."""
-    more = f" ({len(findings) - 1} more: see lint_urdf)" if findings[1:] else ""
+    more = (
+        f" ({len(findings) - 1} more: see consistent-id lint)" if findings[1:] else ""
+    )
     for finding in findings:
         if finding.severity == "error":
             raise ModelError(f"{path}, {finding}{more}")
