@@ -104,7 +104,6 @@ PRINTED = {
     "problems/nominal_gains.py": "model's bodies imply",
     "problems/selection/model_selection.py": "a choice of `select`",
     "report/residuals_section.py": "drift of a residual",
-    "rollout/problem_rollout.py": "delay in `rollout`",
     "rollout/servo_result.py": "Parameters of a [servo]",
     "service/gain_check.py": "drive gains",
     "service/weighing.py": "payload",
