@@ -187,9 +187,23 @@ def parameters(more: str = "") -> Option:
     return Option(
         "--parameters ESTIMATE ...",
         "estimates that identify wrote, such as delivered.json: torque limits are kept "
-        f"for each of them, instead of for the robot's file without friction{more}",
+        f"for each of them, instead of for the robot's file without friction{more} "
+        "(default: that of a folder of results, if it may be used)",
         Path,
     )
+
+
+def estimates(options: argparse.Namespace) -> list[Path]:
+    """Return the files of estimates that are given, or that of a folder of results."""
+    from consistent_id.problems.folder import is_results, results_or_file
+    from consistent_id.report.results import DELIVERED, open_results
+
+    folder = results_or_file(options.problem)
+    if options.parameters or not is_results(folder):
+        return list(options.parameters)
+    results = open_results(folder)
+    known = results.verdict.usable and not results.changes()
+    return [folder / DELIVERED] if known else []
 
 
 def motion_changes(options: argparse.Namespace) -> dict[str, Any]:
@@ -302,8 +316,9 @@ def _excite(options: argparse.Namespace) -> Answer:
     formats = output.checked_formats(options.format)
     changes, stated = motion_changes(options), statement(options, "robot")
     problem = problem_to_excite(options.problem, changes, stated)
-    problem = with_open_parameters(problem, options.parameters)
-    parameters = estimated_parameters(problem, options.parameters)
+    known = estimates(options)
+    problem = with_open_parameters(problem, known)
+    parameters = estimated_parameters(problem, known)
     earlier = earlier_recordings(problem, options.earlier)
     folder = options.output or Path("results") / problem.name
     if options.replay:

@@ -6,6 +6,7 @@ from consistent_id.cli.answers import Answer, answered, shows_progress, tables_a
 from consistent_id.cli.excite import (
     MOTION,
     SEARCH,
+    estimates,
     motion_changes,
     parameters,
 )
@@ -69,10 +70,11 @@ def _rehearse(options: argparse.Namespace) -> Answer:
     require_mujoco()
     changes, stated = motion_changes(options), statement(options, "robot")
     problem = problem_to_excite(options.problem, changes, stated)
-    problem = with_open_parameters(problem, options.parameters)
+    known = estimates(options)
+    problem = with_open_parameters(problem, known)
     found = dry_run(
         problem,
-        parameters=estimated_parameters(problem, options.parameters),
+        parameters=estimated_parameters(problem, known),
         robots=options.robots,
         rivals=options.rivals,
         currents=options.currents,

@@ -195,6 +195,9 @@ def demands(
                 f"(members, {size}), one member or more, for this torque model"
             )
         require_enclosable(model)
+        count = len(members)
+        known = "an estimate" if count == 1 else f"each of {count} estimates"
+        notes += (f"torque limits: kept for {known}, not the robot's file",)
         return Demands(limits, model, members, scene, notes)
     if not np.isfinite([limits.effort, limits.effort_rate, limits.effort_rms]).any():
         return Demands(limits, model, None, scene, (*notes, "torque has no limit"))

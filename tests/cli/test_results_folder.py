@@ -445,3 +445,25 @@ def test_a_large_file_is_not_read_again_unless_it_was_recorded_just_after_a_chan
     monkeypatch.setattr("consistent_id.report.results.digest", read.append)
     assert settled.fits(log) and not read
     assert not fresh.fits(log) and read == [log]
+
+
+@pytest.mark.slow
+def test_a_design_keeps_the_torque_limits_of_the_results_estimate(tmp_path, capsys):
+    """Not that of results that may not be used."""
+    results = tmp_path / "results"
+    call = ["identify", *write_arm(tmp_path), "--no-select", "--cutoff", "10"]
+    assert run(capsys, *call, "--output", results)[0] == 0
+    plan = ["--dry-run", "--acceleration", "5", "--velocity", "2"]
+    code, given, err = run(
+        capsys, "excite", results, *plan, "--parameters", results / "delivered.json"
+    )
+    assert (code, err) == (0, "")
+    assert "torque limits: kept for an estimate" in given
+    assert run(capsys, "excite", results, *plan) == (0, given, "")
+    assert run(capsys, "excite", results / "problem.toml", *plan)[1] == given
+    index = results / "results.json"
+    refused = json.loads(index.read_text())
+    refused["answer"]["verdict"] = "do not use"
+    index.write_text(json.dumps(refused))
+    _, of_file, _ = run(capsys, "excite", results, *plan)
+    assert "torque limits: of the robot's file" in of_file
