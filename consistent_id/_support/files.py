@@ -70,10 +70,6 @@ def require_regular(path: Path, error: type[ConsistentIdError]) -> int:
         raise error(f"{path}: cannot be read ({reason})") from None
     if stat.S_ISDIR(status.st_mode):
         raise error(f"{path}: cannot be read (Is a directory)")
-    if stat.S_ISDIR(status.st_mode):
-        raise ProblemError(
-            f"{path} is a folder, no regular file; name a file in it to write"
-        )
     if not stat.S_ISREG(status.st_mode):
         raise error(f"{path}: a device or a pipe, expected a regular file; copy it")
     note_input(status)

@@ -27,9 +27,7 @@ from consistent_id.problems.statement import declarations
 from consistent_id.report.results import Results
 
 _SHOWN = 20  # parameters that differ most
-_ROUNDING = (
-    1e-9  # of the largest parameter of the unit: smaller ones are solver's zeros
-)
+_ROUNDING = 1e-9  # of a unit's largest parameter: solvers leave less in place of zero
 
 
 def side_by_side(results: Sequence[Results]) -> list[Table]:
@@ -79,14 +77,13 @@ def _parameters(results: Sequence[Results]) -> Table:
     every: list[dict[str, Any]] = [r.record["delivered"]["parameters"] for r in results]
     names = [name for name in every[0] if all(name in other for other in every)]
     rows = []
-    largest_of = defaultdict[str, float](float)
-    for found in every:
-        for of in found.values():
-            largest_of[of["unit"]] = max(largest_of[of["unit"]], abs(of["value"]))
+    most = defaultdict[str, float](float)  # by unit
+    for one in (one for found in every for one in found.values()):
+        most[one["unit"]] = max(most[one["unit"]], abs(one["value"]))
     for name in names:
         values, unit = [float(f[name]["value"]) for f in every], every[0][name]["unit"]
         largest, difference = max(map(abs, values)), max(values) - min(values)
-        if difference > _ROUNDING * largest_of[unit]:
+        if difference > _ROUNDING * most[unit]:
             rows.append((difference / largest, name, values, unit))
     rows.sort(key=lambda row: -row[0])
     differ = f"{len(rows)} of {len(names)} in common differ"
