@@ -194,29 +194,26 @@ def guess_columns(log: Path, known: KnownColumns) -> ColumnGuess:
 
 def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     """Find the channels that are not known among a log's columns."""
-    joints, notes = known.joints, list[str]()
-    in_file = known.names is None
+    notes, in_file = list[str](), known.names is None
     names = column_names(log) if known.names is None else known.names
     if in_file and lacks_names(names):
-        raise without_names(log, names, joints, known.channels, known.rows)
-    flat = in_file and len(joints) > 1 and has_no_arrays(log, names)
+        raise without_names(log, names, known.joints, known.channels, known.rows)
+    flat = in_file and len(known.joints) > 1 and has_no_arrays(log, names)
     names = [name for name in names if name not in known.taken]
     if "time" not in known.channels:
         found = replace(found, time=clock_column(log, names, in_file=in_file))
     ordered = in_file and known.arrays is None
-    moved, here = joints, joints
-    listed: tuple[str, ...] = ()  # the names of arrays' joints
+    listed: tuple[str, ...] = ()
+    if ordered and not flat and "position" not in known.channels:
+        known, listed = _with_listed_joints(log, names, known)
+    joints = moved = known.joints
     for channel in ("position", "velocity", known.effort):
         if channel in known.channels:
             continue
         patterns = _candidates(channel, names, moved, known)
         patterns = [p for p in patterns if not (flat and p.is_array)]
         if in_file:
-            if channel == "position" and ordered and any(p.is_array for p in patterns):
-                listed = listed_joints(log, names, joints)
-                here = tuple(joint for joint in joints if joint in listed)
-            width = len(listed if listed and here == joints else moved)
-            patterns = _with_motion(log, patterns, width)
+            patterns = _with_motion(log, patterns, len(listed or moved))
         if not patterns and channel == "velocity":
             continue
         if not patterns:
@@ -224,12 +221,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             raise _not_found(log, channel, names, where, known)
         best, *others = patterns
         if in_file and best.is_array and channel == "position":
-            shape = np.shape(reader_of(log).read_arrays(log, [best.text])[best.text])
-            if listed and here != joints and len(listed) in shape:
-                return _searched(log, found, replace(known, joints=here))
-            if width not in shape:
-                listed = ()
-                _require_width(log, best.text, shape, moved, known.rows)
+            _require_width(log, best.text, listed or moved, known.rows)
         found = _with(found, channel, best)
         if channel == "position":
             moved = best.joints
@@ -249,6 +241,23 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         order = listed or array_order(log, names, tuple(found.array_joints))
         found = replace(found, array_joints=order)
     return ColumnGuess(found, moved, tuple(notes))
+
+
+def _with_listed_joints(
+    log: Path, names: Sequence[str], known: KnownColumns
+) -> tuple[KnownColumns, tuple[str, ...]]:
+    """Return the joints that arrays have, and their order, if a list beside names them.
+
+    The list may lack some of the robot's joints, and have others, such as a gripper's.
+    """
+    patterns = _candidates("position", names, known.joints, known)
+    arrays = [p.text for p in patterns if p.is_array]
+    listed = listed_joints(log, names, known.joints) if arrays else ()
+    read = reader_of(log).read_arrays(log, arrays) if listed else {}
+    if not any(len(listed) in np.shape(values) for values in read.values()):
+        return known, ()
+    here = tuple(joint for joint in known.joints if joint in listed)
+    return replace(known, joints=here), listed
 
 
 def _of_messages(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
@@ -437,11 +446,11 @@ def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
 def _require_width(
     log: Path,
     name: str,
-    shape: tuple[int, ...],
     joints: Sequence[str],
     rows: Mapping[int, Sequence[Sequence[str]]] | None,
 ) -> None:
     """Refuse an array that has columns of fewer or more joints."""
+    shape = np.shape(reader_of(log).read_arrays(log, [name])[name])
     if len(shape) != 2 or len(joints) in shape:
         return
     options = _locked(min(shape), joints, rows)
