@@ -268,7 +268,7 @@ def page(quick: bool) -> str:
     runs = 1 if quick else 3
     versions = ", ".join(
         f"{name} {importlib.metadata.version(name)}"
-        for name in ("numpy", "scipy", "pin", "cvxpy", "clarabel")
+        for name in ("numpy", "scipy", "pin", "cvxpy-base", "clarabel")
     )
     with threadpool_limits(1, user_api="blas"):
         solve = solve_table(3 if quick else 10)
