@@ -284,7 +284,7 @@ def main() -> None:
     figure = options.write.with_suffix(".png") if options.write else None
     found = sections(effort, figure)
     found = [one for one in found if one.title.startswith(options.only or "")]
-    if options.only and options.write:
+    if options.write and options.write.exists():  # it has sections of other commands
         text = renewed(options.write.read_text(), found)
     else:
         text = page(found)
