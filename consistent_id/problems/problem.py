@@ -1,10 +1,10 @@
 """An identification problem: robot, data, assumptions, as one value."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from consistent_id.problems.log_entries import (
     columns_of,
     found_drives,
     gains_of_drives,
+    motion_of_joints,
     span_of,
     with_torque,
 )
@@ -216,7 +217,6 @@ class Problem:
         omit : sequence of int
             Broken rows to leave out, counted from 1.
         """
-        from consistent_id.problems.log_entries import motion_of_joints
         from consistent_id.recordings.readers.recording_file import read_recording
 
         data, path = self._data(), self._path(file)
@@ -231,13 +231,7 @@ class Problem:
                 duplicates=data.duplicates,
                 missing=data.missing,
             )
-            self._read[path, *omit] = motion_of_joints(
-                raw,
-                wraps=data.wraps,
-                scale=data.position_scale,
-                offset=data.position_offset,
-                coupled=data.coupled,
-            )
+            self._read[path, *omit] = self._of_joints(raw)
         return self._read[path, *omit]
 
     def keep(self, read: Mapping[str, Recording]) -> None:
@@ -276,13 +270,27 @@ class Problem:
     def _track(self, entry: TrackTable) -> "Track":
         from consistent_id.recordings.readers.recording_file import read_track
 
-        return read_track(
+        found = read_track(
             self._path(entry.file),
             self.recorded_joints,
             entry.channel,
             entry.column,
             time=entry.time,
             torque_gain=self._data().torque_gain,
+        )
+        still = Recording(found.joints, found.time, np.zeros_like(found.values))
+        channel: dict[str, Any] = {found.channel: found.values}
+        moved = self._of_joints(replace(still, **channel))
+        return replace(found, values=getattr(moved, found.channel))
+
+    def _of_joints(self, raw: Recording) -> Recording:
+        data = self._data()
+        return motion_of_joints(
+            raw,
+            wraps=data.wraps,
+            scale=data.position_scale,
+            offset=data.position_offset,
+            coupled=data.coupled,
         )
 
     def log_file(self, file: str | Path) -> Path:

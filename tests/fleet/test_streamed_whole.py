@@ -86,6 +86,9 @@ WHOLE = {
         "columns": MEASURED,
     },
     "piece by piece are read": {"file": "log.npz"},
+    "scaled or shifted": {
+        "data": "position_scale = {shoulder = -1.0}\nposition_offset = {elbow = 0.1}"
+    },
     "tracks": {"entry": TRACK, "columns": 'position = "q_{joint}"'},
     "gains": {
         "data": f"gains = {{{GAINS}, delay = 0.004}}",
@@ -146,3 +149,20 @@ def test_what_has_to_be_whole_and_does_not_fit_is_refused(folder, monkeypatch):
         ci.fleet.stream_regression(given)
     with ci.large_files():
         ci.fleet.stream_regression(given)
+
+
+@pytest.mark.parametrize(
+    ("moved", "back"),
+    [
+        ("position_scale = {shoulder = -2.0}", [[-2.0, 0.0], [0.0, 1.0]]),
+        ("position_offset = {shoulder = 0.5}", np.eye(2)),
+        ('coupled = {elbow = "shoulder"}', [[1.0, -1.0], [0.0, 1.0]]),
+    ],
+)
+def test_a_velocity_in_another_file_is_that_of_the_same_joints(folder, moved, back):
+    entry = TRACK.replace("torque", "velocity").replace("tau", "dq")
+    plain, changed = (
+        problem(folder, entry.replace("0.013", "0.0"), data=data).logs("training")[0]
+        for data in ("", moved)
+    )
+    np.testing.assert_allclose(changed.velocity, plain.velocity @ back, atol=1e-12)
