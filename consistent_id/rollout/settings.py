@@ -29,7 +29,7 @@ from consistent_id.estimation.constrained import (
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.method import Method, fitted_spans
-from consistent_id.problems.file import JointTable, ProblemTable
+from consistent_id.problems.file import DataTable, GainsTable, JointTable, ProblemTable
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.stated_model import drive_of
@@ -175,33 +175,9 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
         table = table_in_form_of(table, "mjcf")
     if table.data is None or table.data.gains is None:
         raise _without_gains(problem)
-    drives = {
-        "velocity_scale": settings.velocity_scale,
-        "coulomb": "tanh",
-        "friction_slope": False,
-    }
-    if settings.spring is not None:
-        drives["spring"] = settings.spring
-    if settings.stribeck_velocity is not None:
-        drives["stribeck_velocity"] = settings.stribeck_velocity
-    if settings.load_friction is not None:
-        drives["load_friction"] = settings.load_friction
+    drives = _drive_terms(settings)
     joints = problem.model.robot.joint_names
     require_known(settings.friction_slope, joints, "friction_slope: no joint")
-    preparation = change(
-        table.data.preparation,
-        motion_cutoff=settings.cutoff,
-        torque_cutoff=settings.cutoff,
-    )
-    known = problem.drives.calibration
-    gains = change(
-        table.data.gains,
-        delay=settings.delay,
-        scale=known.scale.tolist(),
-        encoder_bias=known.encoder_bias.tolist(),
-        stiffness=_stated(problem, settings.stiffness),
-    )
-    data = change(table.data, gains=gains, preparation=preparation)
     named = dict.fromkeys((*table.joints, *settings.friction_slope), JointTable())
     exceptions = {
         name: change(
@@ -218,7 +194,7 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
         )
     changed = change(
         table,
-        data=data,
+        data=_data(problem, table.data, table.data.gains, settings),
         drive=change(table.drive, **drives),
         joints=exceptions,
         constraints=constraints,
@@ -231,6 +207,42 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
     made = problem_of(changed, file, model=model)
     made._read.update(problem._read)
     return replace(made, source=problem.source)
+
+
+def _drive_terms(settings: Settings) -> dict[str, Any]:
+    """Return the keys of ``[drive]`` that settings change."""
+    optional = {
+        "spring": settings.spring,
+        "stribeck_velocity": settings.stribeck_velocity,
+        "load_friction": settings.load_friction,
+    }
+    return {
+        "velocity_scale": settings.velocity_scale,
+        "coulomb": "tanh",
+        "friction_slope": False,
+        **{key: value for key, value in optional.items() if value is not None},
+    }
+
+
+def _data(
+    problem: Problem, data: DataTable, gains: GainsTable, settings: Settings
+) -> DataTable:
+    """Return ``[data]`` with a cut-off, a delay and the calibration that is known."""
+    change, known = msgspec.structs.replace, problem.drives.calibration
+    cutoff = settings.cutoff
+    return change(
+        data,
+        gains=change(
+            gains,
+            delay=settings.delay,
+            scale=known.scale.tolist(),
+            encoder_bias=known.encoder_bias.tolist(),
+            stiffness=_stated(problem, settings.stiffness),
+        ),
+        preparation=change(
+            data.preparation, motion_cutoff=cutoff, torque_cutoff=cutoff
+        ),
+    )
 
 
 def _driven(table: ProblemTable, robot: RobotModel) -> TorqueModel:

@@ -449,7 +449,7 @@ def test_a_large_file_is_not_read_again_unless_it_was_recorded_just_after_a_chan
 
 @pytest.mark.slow
 def test_a_design_keeps_the_torque_limits_of_the_results_estimate(tmp_path, capsys):
-    """Not that of results that may not be used."""
+    """Not that of results that may not be used, or whose log has changed."""
     results = tmp_path / "results"
     call = ["identify", *write_arm(tmp_path), "--no-select", "--cutoff", "10"]
     assert run(capsys, *call, "--output", results)[0] == 0
@@ -461,6 +461,12 @@ def test_a_design_keeps_the_torque_limits_of_the_results_estimate(tmp_path, caps
     assert "torque limits: kept for an estimate" in given
     assert run(capsys, "excite", results, *plan) == (0, given, "")
     assert run(capsys, "excite", results / "problem.toml", *plan)[1] == given
+    log = tmp_path / "log.csv"
+    text = log.read_text()
+    log.write_text(text.replace("0.", "0.0", 1))
+    _, of_file, _ = run(capsys, "excite", results, *plan)
+    assert "torque limits: of the robot's file" in of_file
+    log.write_text(text)
     index = results / "results.json"
     refused = json.loads(index.read_text())
     refused["answer"]["verdict"] = "do not use"

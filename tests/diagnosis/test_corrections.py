@@ -1,5 +1,6 @@
 """Corrections after preparation, and from compressed factors, against the slow way."""
 
+import re
 from dataclasses import replace
 from itertools import combinations
 
@@ -21,7 +22,9 @@ from consistent_id.diagnosis.explain import (
 )
 from consistent_id.estimation.best_fit import best_fit
 from consistent_id.problems.file import PreparationTable
+from consistent_id.problems.log_entries import motion_of_joints
 from consistent_id.problems.preparation import prepared
+from consistent_id.problems.statement_words import values
 from consistent_id.regression import base_parameters
 from consistent_id.robot.model import Mimic
 
@@ -251,8 +254,8 @@ def test_channels_of_coupled_drives_become_those_of_their_joints(sign, turns):
     log = at_samples(clean_log(0))
     names = ("position", "velocity", "acceleration")
     moved = {name: getattr(log, name).copy() for name in names}
-    for values in moved.values():
-        values[:, 2] += sign * values[:, 1]  # the motor turns with both joints
+    for motion in moved.values():
+        motion[:, 2] += sign * motion[:, 1]  # the motor turns with both joints
     torque = log.torque.copy()
     torque[:, 1] -= sign * torque[:, 2]  # so that both motors have the same power
     power = np.sum(log.torque * log.velocity, axis=1)
@@ -317,3 +320,19 @@ def test_a_column_whose_squares_underflow_explains_no_torque():
     tiny = np.column_stack([factor[:, :1] * 1e-200, factor])
     np.testing.assert_allclose(_row_misfits(tiny, 5), _row_misfits(factor, 4))
     assert np.isfinite(_row_misfits(tiny * 1e-200, 5)).all()
+
+
+def test_the_option_of_a_finding_is_its_correction():
+    """The log, read with the printed option, is the corrected log."""
+    log, seen = clean_log(0), set()
+    for correction in corrections(arm().robot, JOINTS):
+        option = re.search(r"--position-(scale|offset) (\S+=[^ )]+)", correction.advice)
+        if option is None:
+            continue
+        stated = values("--position JOINT=VALUE")([option[2]])
+        known = {"scale": None, "offset": None, option[1]: stated}
+        read = motion_of_joints(log, wraps="keep", coupled=None, **known)
+        expected = correction.applied(log)
+        np.testing.assert_allclose(read.position, expected.position, rtol=1e-5)
+        seen.add(correction.fault.kind)
+    assert seen == {"position sign", "encoder scale", "degrees", "offset zero"}

@@ -1,5 +1,6 @@
 """The data detective, on logs whose one fault is known."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -25,6 +26,7 @@ from consistent_id.diagnosis.coverage import (
 from consistent_id.diagnosis.leaks import leak_findings, repeated_share
 from consistent_id.diagnosis.linearise import jackknife, linearised
 from consistent_id.diagnosis.small_shifts import estimate_lag, estimate_shifts
+from consistent_id.problems.statement_words import values
 from consistent_id.regression import base_parameters
 
 
@@ -135,6 +137,12 @@ def test_two_zeros_that_hide_each_other_are_found():
     sizes = {f.where: f.statement for f in found}
     assert "6 degrees smaller" in sizes["joint2"]
     assert "7 degrees larger" in sizes["joint3"]
+    # The printed options take the log back, whatever the words say.
+    stated = [w for f in found for w in re.findall(r"(joint\d=\S+)\)", f.advice)]
+    offset = values("--position-offset JOINT=VALUE")(stated)
+    assert offset == pytest.approx(
+        {"joint2": np.radians(-6.0), "joint3": np.radians(7.0)}, rel=0.1
+    )
 
 
 @pytest.mark.slow

@@ -45,6 +45,8 @@ from consistent_id.diagnosis.whole_robot import (
     whole_robot_factors,
     whole_robot_findings,
 )
+from consistent_id.problems.log_entries import motion_of_joints
+from consistent_id.problems.statement_words import values
 from consistent_id.robot.scaling import body_sizes, link_scales
 
 
@@ -625,13 +627,13 @@ def test_limbs_that_share_no_column_cost_what_they_cost_together():
     mass, centre, moment = state.widths
     width = np.column_stack([mass * m, *[centre * m * d] * 3, *[moment * m * d**2] * 6])
     pull = np.eye(len(bodies), A.shape[1]) / width.ravel()[:, None]
-    for found, rows, values in zip(
+    for found, rows, torques in zip(
         least_costs(state),
         (np.vstack([A, pull]), A),
         (np.append(z, bodies / width.ravel()), z),
         strict=True,
     ):
-        left = values - rows @ np.linalg.lstsq(rows, values, rcond=1e-9)[0]
+        left = torques - rows @ np.linalg.lstsq(rows, torques, rcond=1e-9)[0]
         assert found == pytest.approx(left @ left, rel=1e-6)
 
 
@@ -711,3 +713,19 @@ def test_a_coarse_encoder_matters_where_a_log_is_fitted():
 
     assert severities(coarse, log) == {"warning"}
     assert severities(log, coarse) == {"note"}
+
+
+@pytest.mark.slow
+def test_the_printed_option_takes_a_zero_back():
+    model, log = logged(0)
+    _, spoilt = faulty(log, model, "offset zero", 1, np.radians(15.0))
+    (finding,) = accusing(whole_robot_findings(_as_is(model, spoilt)))
+    _, option = finding.advice.split("--position-offset ")
+    read = motion_of_joints(
+        spoilt,
+        wraps="keep",
+        scale=None,
+        offset=values("--position-offset JOINT=VALUE")([option]),
+        coupled=None,
+    )
+    np.testing.assert_allclose(read.position, log.position, atol=np.radians(2.0))
