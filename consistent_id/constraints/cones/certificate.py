@@ -37,6 +37,7 @@ from consistent_id.constraints.cones.least_norm import (
     free_optimum,
     solve_half_square,
     solve_least_norm,
+    solve_squares,
 )
 from consistent_id.constraints.cones.programmes import (
     COARSE,
@@ -192,6 +193,7 @@ def certify(
     *,
     reference: float = 0.0,
     below: Parabola = _OWN,
+    enough: float = _NO_COST,
 ) -> Optimality:
     """Recompute feasibility and the duality gap of a solution.
 
@@ -203,6 +205,8 @@ def certify(
         Reference of the relative gap, if larger than the objective.
     below : Parabola
         Below the function whose optimality is proven.
+    enough : float
+        Relative gap from which no smaller one is looked for.
     """
     domain, centre = problem.domain, within.centre
     objective, curvature, triangle = below
@@ -221,7 +225,7 @@ def certify(
     if triangle is None:
         curvature = problem.G if curvature is None else curvature
         triangle = _rows_of(domain.equalities.along(curvature))
-    gap += _cost_of_rest(triangle, slopes, to_centre, radius, _NO_COST * scale)
+    gap += _cost_of_rest(triangle, slopes, to_centre, radius, enough * scale)
     gap = min(gap, objective)  # the optimum is not below 0
     figures = (
         objective,
@@ -276,6 +280,7 @@ def solve_certified(
     SolverError
         If no method gives a point.
     """
+    problem = problem.compressed()
     free = free_optimum(problem, centre)
     proof_of = partial(
         certify,
@@ -283,6 +288,7 @@ def solve_certified(
         within=ball_about(centre, reach),
         reference=reference,
         below=Parabola(triangle=free.triangle),
+        enough=_NO_COST if gap <= GAP_TOLERANCE else gap / 2.0,
     )
     if free.solution is not None:
         optimality = proof_of(free.solution)
@@ -317,6 +323,7 @@ def _ways(
     within = ball_about(centre, reach)
     solve = partial(solve_least_norm, problem)
     if gap > GAP_TOLERANCE:
+        yield lambda: solve_squares([problem], centre)[0]
         yield partial(solve, tolerance=COARSE)
     elif len(centre) >= _MANY:
         yield partial(solve, tolerance=TOLERANCES[0], refined=False)

@@ -84,6 +84,17 @@ class LeastNorm:
     g: Vector
     domain: ConicSet
 
+    def compressed(self) -> "LeastNorm":
+        """Return the same problem with at most one row more than parameters.
+
+        A triangle of ``[G, g]`` has the same norm ``||G u - g||`` for all ``u``.
+        """
+        rows, columns = self.G.shape
+        if rows <= columns + 1:
+            return self
+        R = triangle(np.asfortranarray(np.column_stack([self.G, self.g])))
+        return replace(self, G=R[:, :columns], g=R[:, columns])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConeSolution:
