@@ -23,7 +23,7 @@ import coverage_arm
 import coverage_methods
 
 import consistent_id as ci
-from consistent_id.comparison.feasibility import consistency_test
+from consistent_id.comparison.consistency_test import consistency_test
 
 KINDS = ("white", "AR(1) 0.9", "pink", "outliers", "changing level")
 BEYOND = 2.5  # standard deviations of least squares

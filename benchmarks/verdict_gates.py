@@ -16,7 +16,7 @@ from faults_robots import robots
 from threadpoolctl import threadpool_limits
 
 import consistent_id as ci
-from consistent_id.comparison.feasibility import consistency_test
+from consistent_id.comparison.consistency_test import consistency_test
 from consistent_id.problems.study import Study
 
 COLUMNS = "misfit excess slope_low slope_high correl spare guessed chi2 p"

@@ -22,7 +22,7 @@ from consistent_id import (
 from consistent_id._support.run import Run, running
 from consistent_id.cli import main
 from consistent_id.comparison import bootstrap
-from consistent_id.comparison.feasibility import consistency_test
+from consistent_id.comparison.consistency_test import consistency_test
 from consistent_id.estimation import cross_validated, fit_shapes
 from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 from consistent_id.regression import segment_regressions

@@ -1,16 +1,67 @@
-"""A cache of values computed from an object, for as long as the object exists."""
+"""Caches of computed values: while an object exists, or for arrays of equal numbers."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from functools import wraps
+from hashlib import blake2b
 from math import inf
 from sys import getsizeof
 from threading import RLock
 from typing import Any, ParamSpec, TypeVar
 from weakref import ref
 
+import numpy as np
+
+from consistent_id._support.arrays import Array
+
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
+
+
+def kept_for_equal(
+    most: int,
+) -> Callable[[Callable[[Array], _R]], Callable[[Array], _R]]:
+    """Keep results of a function of one array, for arrays of equal numbers.
+
+    Arrays themselves are not kept, only their digests.
+
+    Parameters
+    ----------
+    most : int
+        Results that are kept; the oldest go first.
+
+    Examples
+    --------
+    >>> @kept_for_equal(most=2)
+    ... def largest(values):
+    ...     print("computed")
+    ...     return float(values.max())
+    >>> largest(np.arange(3.0)), largest(np.arange(3.0))
+    computed
+    (2.0, 2.0)
+    """
+
+    def decorated(function: Callable[[Array], _R]) -> Callable[[Array], _R]:
+        found: dict[Hashable, _R] = {}
+        held = RLock()
+
+        @wraps(function)
+        def run(values: Array) -> _R:
+            digest = blake2b(np.ascontiguousarray(values).data).digest()
+            key = (digest, values.shape, values.dtype.str)
+            with held:
+                if key in found:
+                    return found[key]
+            result = function(values)
+            with held:
+                found[key] = result
+                if len(found) > most:
+                    del found[next(iter(found))]
+            return result
+
+        return run
+
+    return decorated
 
 
 def kept_with(

@@ -9,12 +9,11 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table, brief
-from consistent_id.comparison.feasibility import (
-    BaseFeasibility,
+from consistent_id.comparison.consistency_test import (
     ConsistencyTest,
-    base_feasibility,
     consistency_test,
 )
+from consistent_id.comparison.feasibility import BaseFeasibility, base_feasibility
 from consistent_id.constraints.delivered_bodies import (
     LinkCondition,
     link_conditions,

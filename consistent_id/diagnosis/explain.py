@@ -46,8 +46,8 @@ SAMPLES = 1500
 RUBS = 0.9
 """Share of friction above which the bodies distinguish no causes."""
 
-_SCREENED = 300  # samples on which corrections of the motion are tried first
-_MARGIN = 1.1  # factor by which so few samples may overstate a misfit
+_SCREENED = 100  # samples on which corrections of the motion are tried first
+_MARGIN = 1.15  # factor by which so few samples may overstate a misfit
 _WHITE = 3.0  # times the white noise: filters lower it, edges of friction raise it
 _BEYOND = 1.5  # times least squares: 1.0 to 1.1 in clean simulated and real logs
 _MOST = 0.12  # of the torque: a log with a larger misfit is not explained

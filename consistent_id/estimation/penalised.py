@@ -34,8 +34,8 @@ from consistent_id.constraints.cones.least_norm import (
     ConeSolution,
     LeastNorm,
     solve_least_norm,
-    solve_squares,
 )
+from consistent_id.constraints.cones.repeated import solve_squares
 from consistent_id.constraints.priors import (
     Along,
     EntropicDistance,

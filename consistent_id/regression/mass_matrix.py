@@ -164,15 +164,17 @@ def _least(M: Array) -> float:
 
 def _limbs(robot: RobotModel, drives: Matrix) -> list[IntArray]:
     """Return groups of joints between which all entries are zero, at every pose."""
-    from scipy.sparse.csgraph import connected_components
-
     G = robot.joint_rates != 0.0
     linked = np.eye(len(robot.joints), dtype=bool)
     for j in range(len(robot.joints)):
         linked[list(ancestors(robot, j)), j] = True
     pattern = G.T @ linked @ G | (drives != 0.0)
-    count, group = connected_components(pattern, directed=False)
-    return [np.flatnonzero(group == k) for k in range(count)]
+    pattern |= pattern.T
+    # The import of scipy.sparse.csgraph takes longer than all else here.
+    while ((further := pattern @ pattern) != pattern).any():
+        pattern = further
+    first = pattern.argmax(axis=1)
+    return [np.flatnonzero(first == k) for k in np.unique(first)]
 
 
 def _positive_definite(M: Array, shift: float) -> BoolArray:

@@ -18,15 +18,15 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.comparison.feasibility import (
+from consistent_id.comparison.consistency_test import (
     DRAWS,
     SIGNIFICANT,
     ConsistencyTest,
     _reaching,
     _squared_distance,
     consistency_test,
-    in_words,
 )
+from consistent_id.comparison.feasibility import in_words
 from consistent_id.constraints import ParameterBounds
 from consistent_id.estimation.best_fit import best_fit
 from consistent_id.regression import base_parameters
@@ -181,11 +181,12 @@ def test_simulated_data_reach_what_their_own_distance_is_above():
     consistent = [PhysicalConsistency(margin=0.0)]
     best = best_fit(model, regression, consistent, base=base)
     fitted = best.scaled.M @ best.solution.u
+    assert np.linalg.matrix_rank(best.scaled.M) == len(fitted)  # all noise is in range
     for e in np.random.default_rng(0).normal(size=(40, len(fitted))):
         distance = _squared_distance(best, fitted + e / best.scaled.size)
         if distance > 0.1:
             for share, reached in ((0.999, True), (1.001, False)):
-                assert _reaching(best, share * distance, [e]) == [reached]
+                assert _reaching(best, share * distance, e[None]) == [reached]
 
 
 def test_weights_of_the_regression_do_not_matter():

@@ -26,6 +26,7 @@ from consistent_id.constraints.cones.least_norm import (
     solve_least_norm,
 )
 from consistent_id.constraints.cones.programmes import Multipliers
+from consistent_id.constraints.cones.repeated import solve_squares
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
 from consistent_id.regression import base_parameters
 
@@ -118,18 +119,23 @@ def test_a_magnified_problem_has_more_digits_of_multipliers_of_a_small_optimum(s
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_where_a_larger_gap_is_enough_a_coarse_programme_is_tried_first(
+def test_where_a_larger_gap_is_enough_the_square_and_a_coarse_programme_are_first(
     seed, monkeypatch
 ):
     problem, answer = _triangular(seed)
     without_free_optimum(monkeypatch)
-    tolerances = []
+    ways = []
 
     def noted(*args, **options):
-        tolerances.append(options["tolerance"])
+        ways.append(options["tolerance"])
         return solve_least_norm(*args, **options)
 
+    def squared(*args):
+        ways.append("square")
+        return solve_squares(*args)
+
     monkeypatch.setattr(certificate, "solve_least_norm", noted)
+    monkeypatch.setattr(certificate, "solve_squares", squared)
     solution, optimality = solve_certified(
         problem, np.zeros(6), reference=0.5, gap=1e-3
     )
@@ -139,8 +145,47 @@ def test_where_a_larger_gap_is_enough_a_coarse_programme_is_tried_first(
     )
     assert found - least <= 1e-3 * max(least, 0.5)
     assert optimality.within(1e-3)
+    assert ways == ["square"]
+    ways.clear()
+    monkeypatch.setattr(certificate, "solve_squares", refused)
+    _, optimality = solve_certified(problem, np.zeros(6), reference=0.5, gap=1e-3)
+    assert optimality.within(1e-3)
     # Coarse first; the next way, where that point is outside by more than 1e-7.
-    assert tolerances[0] == 1e-6 and len(tolerances) <= 2
+    assert ways[0] == 1e-6 and len(ways) <= 2
+
+
+def refused(*args):
+    raise SolverError("no point")
+
+
+def test_a_problem_of_many_rows_has_the_same_norms_in_few():
+    problem, answer = _triangular(0)
+    rng = np.random.default_rng(1)
+    G, g = rng.normal(size=(40, 6)), rng.normal(size=40)
+    tall = LeastNorm(G, g, problem.domain)
+    small = tall.compressed()
+    assert small.G.shape == (7, 6) and small.domain is tall.domain
+    for u in (answer, np.zeros(6), *rng.normal(size=(5, 6))):
+        norm = np.linalg.norm(G @ u - g)
+        assert np.linalg.norm(small.G @ u - small.g) == pytest.approx(norm, rel=1e-13)
+    assert small.compressed() is small
+    assert problem.compressed() is problem
+    # The same optimum, too, with multipliers that prove it for the tall problem.
+    solution, _ = solve_certified(tall, np.zeros(6))
+    within = ball_about(np.zeros(6))
+    assert certify(tall, solution, within).verdict == "certified"
+
+
+def test_a_gap_that_is_small_enough_is_not_made_smaller():
+    problem, answer = _triangular(0)
+    near = solve_least_norm(problem, tolerance=1e-4)
+    within = ball_about(np.zeros(6))
+    tight, loose = (
+        certify(problem, near, within, enough=share).gap for share in (1e-12, 1.0)
+    )
+    excess = np.sum((problem.G @ near.u - problem.g) ** 2)
+    excess /= np.sum((problem.G @ answer - problem.g) ** 2)
+    assert excess - 1.0 <= tight <= loose
 
 
 def without_free_optimum(monkeypatch):

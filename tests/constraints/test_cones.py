@@ -1,5 +1,6 @@
 """The solver's own form, its fallbacks, and a second formulation and solver."""
 
+from dataclasses import replace
 from time import perf_counter
 from types import SimpleNamespace
 
@@ -17,7 +18,6 @@ from consistent_id.constraints.cones.certificate import (
 )
 from consistent_id.constraints.cones.least_norm import (
     LeastNorm,
-    minimisers,
     solve_least_norm,
 )
 from consistent_id.constraints.cones.programmes import (
@@ -27,6 +27,10 @@ from consistent_id.constraints.cones.programmes import (
     point_of,
     set_rows,
     solve_cones,
+)
+from consistent_id.constraints.cones.repeated import (
+    minimisers,
+    point_finder,
     solve_costs,
 )
 from consistent_id.constraints.cones.sets import (
@@ -178,6 +182,18 @@ def test_quadratic_programmes_are_of_finite_numbers(entry):
     P[0, 1, 2] = P[0, 2, 1] = entry
     with pytest.raises(SolverError, match="finite"):
         minimisers(P, np.ones((1, 10)), domain)
+
+
+@pytest.mark.parametrize("tolerance", (1e-6, 1e-9))
+def test_one_solver_finds_the_points_that_single_programmes_find(tolerance):
+    problem, rng = _projection(3), np.random.default_rng(0)
+    origin = solve_least_norm(problem).u
+    find = point_finder(problem.G, problem.domain, tolerance=tolerance, origin=origin)
+    for change in (0.0, 0.1, 1.0, 10.0, 0.1):
+        g = problem.g + change * rng.normal(size=len(problem.g))
+        alone = solve_least_norm(replace(problem, g=g), origin=origin)
+        norms = [np.linalg.norm(problem.G @ u - g) for u in (find(g), alone.u)]
+        assert norms[0] == pytest.approx(norms[1], rel=10.0 * tolerance)
 
 
 def test_a_set_without_a_point_has_no_minimiser():

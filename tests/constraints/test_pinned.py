@@ -8,9 +8,9 @@ from consistent_id.constraints.cones.certificate import ball_about, certify
 from consistent_id.constraints.cones.least_norm import (
     LeastNorm,
     free_set,
-    minimisers,
     solve_least_norm,
 )
+from consistent_id.constraints.cones.repeated import minimisers
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, smat
 
 

@@ -1,5 +1,6 @@
 """Consistent intervals: ellipsoids and edges in closed form, and points inside."""
 
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import get_args
@@ -82,7 +83,8 @@ def test_intervals_contain_the_exact_ones_however_early_the_solver_stops(
     tolerance, monkeypatch
 ):
     # The nominal robot is far from zero, and the ball of the proofs reaches farther.
-    monkeypatch.setattr(intervals, "_TOLERANCES", (tolerance,))
+    monkeypatch.setattr(intervals, "_TOLERANCE", tolerance)
+    monkeypatch.setattr(intervals, "_FINER", tolerance)
     model, _, log = experiment(1, joints=3, samples=300, noise=0.1)
     regression = build_regression(model, log)
     distance = np.linalg.norm(model.robot.nominal / link_scales(model.robot).units)
@@ -240,6 +242,26 @@ def test_where_the_solver_fails_for_one_end_a_coarser_tolerance_bounds_it(monkey
     assert tried == [(2, 1e-8), (1, 1e-6)] * len(model.layout)
     assert np.array_equal(found.bounds[:, 0], before.bounds[:, 0])
     np.testing.assert_allclose(found.bounds[:, 1], before.bounds[:, 1], rtol=1e-4)
+
+
+def test_an_end_that_is_proven_loosely_is_proven_by_a_finer_programme(monkeypatch):
+    model, _, regression = noisy_pendulum()
+    before = consistent_intervals(model, regression, constraints=())
+    solve, tried = intervals.solve_costs, []
+
+    def loosely(costs, rows, *, tolerance):
+        tried.append(tolerance)
+        found = solve(costs, rows, tolerance=tolerance)
+        if tolerance == 1e-10:
+            return found
+        return [replace(p, duals=tuple(1.1 * z for z in p.duals)) for p in found]
+
+    monkeypatch.setattr(intervals, "_WORKERS", 1)
+    monkeypatch.setattr(intervals, "solve_costs", loosely)
+    found = consistent_intervals(model, regression, constraints=())
+    bounded = int(np.isfinite(before.bounds).sum())
+    assert bounded > 0 and tried.count(1e-10) == bounded
+    np.testing.assert_allclose(found.bounds, before.bounds, rtol=1e-4)
 
 
 def test_what_is_fixed_has_no_width():

@@ -19,8 +19,8 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
+from consistent_id.comparison.consistency_test import consistency_test
 from consistent_id.comparison.constraint_prices import constraint_costs, shadow_prices
-from consistent_id.comparison.feasibility import consistency_test
 from consistent_id.constraints import ParameterBounds, Penalty, PointToSet
 from consistent_id.estimation import (
     cross_validated,

@@ -5,7 +5,7 @@ import gc
 import numpy as np
 import pytest
 
-from consistent_id._support.caches import kept_with
+from consistent_id._support.caches import kept_for_equal, kept_with
 
 
 class Log:
@@ -74,3 +74,24 @@ def test_objects_may_end_while_the_room_of_their_results_is_counted():
     assert [kept(log) for log in list(logs)[:1]] == ["kept"]
     second = logs[1]
     assert kept(second) == kept(second) == "kept"
+
+
+def test_equal_arrays_are_computed_once_and_others_each():
+    asked = []
+
+    @kept_for_equal(most=2)
+    def total(values):
+        asked.append(values)
+        return values.sum()
+
+    one = np.arange(6.0)
+    table = np.column_stack([one, -one])
+    assert total(one) == total(table[:, 0]) == 15.0  # a column is no block of memory
+    assert len(asked) == 1
+    assert total(one.reshape(2, 3)) == 15.0
+    assert total(one.astype(int)) == 15
+    assert len(asked) == 3
+    total(one)  # gone: two others came after it
+    assert len(asked) == 4
+    one[0] = 1.0
+    assert total(one) == 16.0

@@ -37,7 +37,6 @@ from consistent_id.constraints.cones.least_norm import (
     free_optimum,
     solve_half_square,
     solve_least_norm,
-    solve_squares,
 )
 from consistent_id.constraints.cones.programmes import (
     COARSE,
@@ -47,6 +46,7 @@ from consistent_id.constraints.cones.programmes import (
     Multipliers,
     lower_bound,
 )
+from consistent_id.constraints.cones.repeated import solve_squares
 from consistent_id.constraints.cones.sets import (
     ConicSet,
     lengths,

@@ -1,4 +1,4 @@
-"""Least-norm problems over convex sets, and quadratic programmes over one set.
+"""Least-norm problems over convex sets.
 
 ``minimise ||G u - g||  subject to  u in a ConicSet``
 
@@ -13,35 +13,24 @@ problems.  The solver's status is not used; `certify` checks the result.
   few inequalities are active, such as zero friction or a mass at its bound.  Then least
   squares with a few active rows gives the optimum, in a fraction of a cone programme's
   time.
-- `minimisers`: ``minimise 1/2 u.P u + q.u`` for several ``P`` and ``q``.  Clarabel gets
-  the set once, and keeps the order of its eliminations and the scaling. With
-  ``P = G^T G`` this is the least-norm problem with its square as the objective, which
-  takes half the time, but stops early if `P` is ill-conditioned. So it is used for fits
-  that are compared, not for delivered ones, with a prior in `P` that makes it regular.
-- `solve_squares`: the same for least-norm problems, about a point near their optima.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
-from consistent_id._support.executors import worker_threads
+from consistent_id._support.arrays import BoolArray, IntArray, Matrix, Vector
 from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.programmes import (
     Ball,
     ConeRows,
     Multipliers,
-    cone_data,
-    panics_as_errors,
-    point_of,
     set_multipliers,
     set_rows,
-    settings,
     solve_cones,
 )
 from consistent_id.constraints.cones.sets import (
@@ -50,7 +39,6 @@ from consistent_id.constraints.cones.sets import (
     lengths,
     stacked,
 )
-from consistent_id.errors import SolverError
 from consistent_id.regression.linear import triangle
 
 _FAR = 1e3  # norm of g beyond which to rescale, and to which to magnify
@@ -69,10 +57,6 @@ least value equally little.
 """
 _CHANGES = 40  # most active rows; a few are usual, and many are left to cone programmes
 _TOGETHER = 5  # changes of all rows at once, which may cycle
-
-_WORKERS = 2  # Clarabel frees the interpreter's lock
-# Of gap and feasibility: a few of a dozen iterations depend on it.
-_QUADRATIC_TOLERANCE = 1e-8
 
 
 @brief
@@ -136,26 +120,21 @@ def solve_least_norm(
     free, start = reduced.free, reduced.start.copy()
     if origin is not None:
         start[free] = origin[free]
-    rows = reduced.about(start[free], others=1)
     g = problem.g - G @ start
     # Far from the origin, absolute tolerances would require more digits than there are.
     distance = float(np.linalg.norm(g)) / _FAR
     scale = distance if magnified and distance > 0.0 else max(1.0, distance)
-    size = int(free.sum())
-    norm = np.zeros((1 + len(g), 1 + size))
-    norm[0, 0] = -1.0
-    norm[1:, 1:] = -G[:, free] / scale
-    rows.append(ConeRows("second order", norm, np.append(0.0, -g / scale)))
+    rows = norm_rows(G[:, free] / scale, g / scale, reduced, start[free])
     if within is not None:
         ball = within.moved(start).rows(others=1)
         rows.append(replace(ball, A=ball.A[:, np.append(True, free)]))
-    cost = np.eye(1 + size)[0]
+    cost = np.eye(1 + int(free.sum()))[0]
     point = solve_cones(cost, rows, tolerance=tolerance, refined=refined)
     u = start.copy()
     u[free] += point.x[1:]
     rest = G @ u - problem.g
     # Duals of the scaled norm, turned into those of half the square of the unscaled.
-    multipliers = _all_multipliers(
+    multipliers = all_multipliers(
         domain, point.duals[:3], scale * float(np.linalg.norm(rest)), G.T @ rest
     )
     return ConeSolution(
@@ -165,6 +144,24 @@ def solve_least_norm(
         point.build_seconds,
         point.solve_seconds,
     )
+
+
+def norm_rows(G: Matrix, g: Vector, reduced: "FreeSet", y: Vector) -> list[ConeRows]:
+    """Return the rows for variables ``(t, v)``: ``y + v`` free, ``t >= ||G v - g||``.
+
+    Parameters
+    ----------
+    G : ndarray, shape (rows, free)
+    g : ndarray, shape (rows,)
+    reduced : FreeSet
+    y : ndarray, shape (free,)
+    """
+    rows, columns = G.shape
+    norm = np.zeros((1 + rows, 1 + columns))
+    norm[0, 0] = -1.0
+    norm[1:, 1:] = -G
+    misfit = ConeRows("second order", norm, np.append(0.0, -g))
+    return [*reduced.about(y, others=1), misfit]
 
 
 def solve_half_square(
@@ -199,7 +196,7 @@ def solve_half_square(
     slope = G.T @ (G @ u - problem.g)
     return ConeSolution(
         domain.snapped(u),
-        _all_multipliers(domain, point.duals[:3], 1.0 / times, slope),
+        all_multipliers(domain, point.duals[:3], 1.0 / times, slope),
         point.status,
         point.build_seconds,
         point.solve_seconds,
@@ -281,7 +278,7 @@ def free_set(domain: ConicSet) -> FreeSet:
     return FreeSet(free, start, rows, pins, np.flatnonzero(left), entries)
 
 
-def _all_multipliers(
+def all_multipliers(
     domain: ConicSet, duals: Sequence[Vector], size: float, slope: Vector
 ) -> Multipliers:
     """Return multipliers of all of a set's constraints.
@@ -409,103 +406,3 @@ def _held(
         prices[active] = solve_triangular(T, beyond, check_finite=False)
     d = solve_triangular(R, z - B @ prices[active], check_finite=False)
     return _ActiveStep(np.asarray(d), prices)
-
-
-def minimisers(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
-    """Return the minimiser of each programme.
-
-    Parameters
-    ----------
-    P : ndarray, shape (programmes, variables, variables)
-        Symmetric positive definite; entries around one.
-    q : ndarray, shape (programmes, variables)
-    domain : ConicSet
-        Normalised.
-
-    Returns
-    -------
-    ndarray, shape (programmes, variables)
-
-    Raises
-    ------
-    SolverError
-        If the solver returns no finite point.
-    """
-    if not (np.isfinite(P).all() and np.isfinite(q).all()):
-        raise SolverError("the programme has entries that are not finite numbers")
-    shares = [slice(k, None, _WORKERS) for k in range(min(_WORKERS, len(q)))]
-    points = np.empty_like(q)
-    with worker_threads(_WORKERS) as pool:
-        found = pool.map(lambda share: _minimiser(P[share], q[share], domain), shares)
-        for share, solutions in zip(shares, found, strict=True):
-            points[share] = solutions
-    return points
-
-
-def _minimiser(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
-    """Return the minimisers, one after another by one solver."""
-    reduced = free_set(domain)
-    free, start = reduced.free, reduced.start
-    q = q[:, free] + start @ P[:, :, free]
-    found = np.tile(start, (len(q), 1))
-    solutions = _one_after_another(P[:, free][:, :, free], q, reduced.rows)
-    found[:, free] = [point_of(solution) for solution in solutions]
-    return found
-
-
-def _one_after_another(P: Array, q: Matrix, rows: Sequence[ConeRows]) -> list[Any]:
-    """Return Clarabel's solutions of quadratic programmes over the same rows."""
-    import clarabel
-    from scipy.sparse import csc_matrix
-
-    size = P.shape[1]
-    column, row = np.tril_indices(size)  # the upper triangle, column by column
-    ends = np.cumsum(np.arange(size + 1))
-    chosen = settings(_QUADRATIC_TOLERANCE, refined=False)
-    chosen.presolve_enable = chosen.chordal_decomposition_enable = False
-    chosen.equilibrate_enable = False  # entries are around one: see `minimisers`
-    found, solver = [], None
-    with panics_as_errors():
-        for values, slope in zip(P[:, row, column], q, strict=True):
-            if solver is None:
-                quadratic = csc_matrix((values, row, ends), shape=(size, size))
-                data = cone_data(rows)
-                solver = clarabel.DefaultSolver(quadratic, slope, *data, chosen)
-            else:
-                solver.update(P=values, q=slope)
-            found.append(solver.solve())
-    return found
-
-
-def solve_squares(problems: Sequence[LeastNorm], origin: Vector) -> list[ConeSolution]:
-    """Solve problems over the same domain by their squares; certificates check them.
-
-    Parameters
-    ----------
-    origin : ndarray, shape (parameters,)
-        A point near the optima: the solver's numbers are then small.
-
-    Raises
-    ------
-    SolverError
-        If the solver returns no finite point with multipliers.
-    """
-    started = perf_counter()
-    domain = problems[0].domain
-    reduced = free_set(domain)
-    free, start = reduced.free, np.where(reduced.free, origin, reduced.start)
-    G = np.array([problem.G[:, free] for problem in problems])
-    misfits = [problem.G @ start - problem.g for problem in problems]
-    q, rows = np.einsum("krc,kr->kc", G, misfits), reduced.about(start[free])
-    solutions = _one_after_another(G.transpose(0, 2, 1) @ G, q, rows)
-    seconds = (perf_counter() - started) / len(problems)
-    ends, found = np.cumsum([len(block.b) for block in rows])[:-1], []
-    for problem, solution in zip(problems, solutions, strict=True):
-        u = start.copy()
-        u[free] += point_of(solution)
-        duals = np.split(np.asarray(solution.z), ends)
-        slope = problem.G.T @ (problem.G @ u - problem.g)
-        multipliers = _all_multipliers(domain, duals, 1.0, slope)
-        status, u = str(solution.status), domain.snapped(u)
-        found.append(ConeSolution(u, multipliers, status, 0.0, seconds))
-    return found

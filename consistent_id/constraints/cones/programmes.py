@@ -140,44 +140,13 @@ def solve_cones(
         solver = clarabel.DefaultSolver(quadratic, cost, *data, chosen)
         solved_from = perf_counter()
         solution = solver.solve()
-    return _cone_point(solution, rows, solved_from - started, solved_from)
+    return cone_point(solution, rows, solved_from - started, solved_from)
 
 
-def solve_costs(
-    costs: Sequence[Vector], rows: Sequence[ConeRows], *, tolerance: float
-) -> list[ConePoint | None]:
-    """Solve the programme for one cost after another, by one solver.
-
-    The points are those of `solve_cones`; None stands where it raises an error.
-    """
-    import clarabel
-    from scipy.sparse import csc_matrix
-
-    size, found, solver = len(costs[0]), list[ConePoint | None](), None
-    chosen = settings(tolerance, refined=tolerance < COARSE)
-    chosen.presolve_enable = chosen.chordal_decomposition_enable = False  # for updates
-    for cost in costs:
-        started = perf_counter()
-        try:
-            with panics_as_errors():
-                if solver is None:
-                    data = csc_matrix((size, size)), cost, *cone_data(rows)
-                    solver = clarabel.DefaultSolver(*data, chosen)
-                else:
-                    solver.update(q=cost)
-                solved_from = perf_counter()
-                solution = solver.solve()
-            taken = solved_from - started
-            found.append(_cone_point(solution, rows, taken, solved_from))
-        except SolverError:
-            found.append(None)
-            solver = None
-    return found
-
-
-def _cone_point(
+def cone_point(
     solution: Any, rows: Sequence[ConeRows], build_seconds: float, solved_from: float
 ) -> ConePoint:
+    """Return a solution that took as long to set up, and was solved from then on."""
     ends = np.cumsum([len(block.b) for block in rows])[:-1]
     return ConePoint(
         point_of(solution),

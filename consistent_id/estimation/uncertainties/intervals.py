@@ -17,6 +17,7 @@ thousand times as large as the nominal one.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,10 +28,11 @@ from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.least_norm import free_set
 from consistent_id.constraints.cones.programmes import (
     Ball,
+    ConePoint,
     ConeRows,
     lower_bound,
-    solve_costs,
 )
+from consistent_id.constraints.cones.repeated import solve_costs
 from consistent_id.constraints.priors import misfit_increase
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.best_fit import BestFit, best_fit
@@ -45,7 +47,8 @@ from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
-_TOLERANCES = (1e-8, 1e-6)
+_TOLERANCE, _FINER, _COARSER = 1e-8, 1e-10, 1e-6  # of the programmes
+_LOOSE = 1e-3  # share of an end by which its proven bound may be beyond it
 _RADIUS = 1000.0  # of the ball in which bounds hold, in units of the nominal robot
 _SMALL = 1e-3  # share of typical parameters that counts as no change
 _FELT = 0.05  # relative change with the ball's radius above which the ball is active
@@ -213,6 +216,13 @@ def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:
     return low, high
 
 
+class _Proven(NamedTuple):
+    """A proven bound, and the share of the end by which it may be beyond that."""
+
+    bound: float
+    loose: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _IntervalProgramme:
     """The set of consistent robots that fit, for steps from the best fit.
@@ -244,16 +254,28 @@ class _IntervalProgramme:
         rows = (*self.rows, misfit, self.ball.rows())
         up = np.eye(len(self.free))[i, self.free]
         costs, found = (up, -up), [-np.inf, -np.inf]
-        points = solve_costs(costs, rows, tolerance=_TOLERANCES[0])
+        points = solve_costs(costs, rows, tolerance=_TOLERANCE)
         for k, (cost, point) in enumerate(zip(costs, points, strict=True)):
-            if point is None:
-                (point,) = solve_costs([cost], rows, tolerance=_TOLERANCES[1])
-            # The ball's multiplier is the change for a radius twice as large.
-            if point is not None and point.duals[-1][0] <= _FELT * max(
-                abs(float(cost @ point.x)), _SMALL
-            ):
-                found[k] = lower_bound(cost, rows, point.duals, self.ball)
+            found[k], loose = self._proven(cost, rows, point)
+            if loose > _LOOSE:
+                other = _COARSER if point is None else _FINER
+                (point,) = solve_costs([cost], rows, tolerance=other)
+                found[k] = max(found[k], self._proven(cost, rows, point).bound)
         return value + found[0], value - found[1]
+
+    def _proven(
+        self, cost: Vector, rows: Sequence[ConeRows], point: ConePoint | None
+    ) -> _Proven:
+        """Return the bound that a point's multipliers prove."""
+        if point is None:
+            return _Proven(-np.inf, np.inf)
+        least = float(cost @ point.x)
+        size = max(abs(least), _SMALL)
+        # The ball's multiplier is the change for a radius twice as large.
+        if point.duals[-1][0] > _FELT * size:
+            return _Proven(-np.inf, 0.0)
+        bound = lower_bound(cost, rows, point.duals, self.ball)
+        return _Proven(bound, (least - bound) / size)
 
 
 def _programme(best: BestFit, ball: Ball) -> _IntervalProgramme:

@@ -14,7 +14,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
 from consistent_id.constraints import lowered
-from consistent_id.constraints.cones.least_norm import minimisers
+from consistent_id.constraints.cones.repeated import minimisers
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.priors import nominal_distance
 from consistent_id.problems.constraints import constraints_of

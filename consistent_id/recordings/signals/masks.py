@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
+from consistent_id._support.caches import kept_for_equal
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import away_from_changes
 from consistent_id.recordings.recording import Recording, velocities
@@ -360,6 +361,7 @@ def encoder_resolution(recording: Recording) -> Vector:
     return np.array([quantum(values) for values in recording.position.T])
 
 
+@kept_for_equal(most=128)  # several checks ask for the same channels
 def quantum(values: Vector) -> float:
     """Return the largest number of which all differences are multiples, or 0.
 
