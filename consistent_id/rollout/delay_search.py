@@ -19,6 +19,7 @@ FIRST = (0.0, 0.005, 0.01, 0.02)  # s, tried first where nothing is known
 NEAR = 0.0025  # s, a neighbour of the best delay is at least as near as this
 _SAME = 0.0002  # s, between delays that are not distinguished
 _PARABOLAS = 3
+_FLAT = 1e-12  # relative change of an error over 1 ms that is rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,9 +120,19 @@ def _vertex(points: list[tuple[float, float]]) -> float:
     at = float(delays[values.argmin()])
     if len(points) < 3 or not np.isfinite(values).all():
         return at
-    scale = 1e-3  # in ms, for the condition
-    bend, slope, _ = np.polyfit((delays - at) / scale, values, 2)
-    return at if bend <= 0.0 else float(at - scale * slope / (2.0 * bend))
+    lowest = _lowest_of_parabola(delays, values, at)
+    return at if lowest is None else lowest
+
+
+def _lowest_of_parabola(delays: Vector, values: Vector, at: float) -> float | None:
+    """Return where a parabola is lowest; None where it has no such point.
+
+    `at` is a delay near it.
+    """
+    bend, slope, _ = np.polyfit((delays - at) * 1e3, values, 2)  # ms, for the condition
+    if bend <= _FLAT * abs(values).max():
+        return None
+    return float(at - 1e-3 * slope / (2.0 * bend))
 
 
 def _jackknifed(delays: list[float], squares: Matrix) -> float:
@@ -133,8 +144,8 @@ def _jackknifed(delays: list[float], squares: Matrix) -> float:
     left_out = []
     for block in range(count):
         rest = np.delete(squares, block, axis=1).sum(axis=1)
-        bend, slope, _ = np.polyfit((np.array(delays) - at) * 1e3, rest, 2)
-        if bend <= 0.0:
+        lowest = _lowest_of_parabola(np.array(delays), rest, at)
+        if lowest is None:
             return np.inf
-        left_out.append(-1e-3 * slope / (2.0 * bend))
+        left_out.append(lowest)
     return float(np.sqrt((count - 1) * np.var(left_out)))

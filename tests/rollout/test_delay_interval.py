@@ -43,7 +43,9 @@ def test_there_is_none_if_other_friction_has_a_delay_beyond_the_longest():
 
 
 @pytest.mark.parametrize(
-    "other", [np.full(4, np.inf), np.full(4, 1.0)], ids=["diverges", "flat"]
+    "other",
+    [np.full(4, np.inf), np.full(4, 1.0), np.full(4, 0.3)],
+    ids=["diverges", "flat", "flat up to rounding"],
 )
 def test_there_is_none_where_friction_of_another_kind_has_no_best_delay(other):
     assert delay_interval(FOUND, [lambda _: other], MOST) is None
