@@ -234,20 +234,30 @@ def _converged_from(state: FactorLogs, factor: Factor, start: float = 0.0) -> _S
 def _converged(as_is: FactorLogs, first: FoundFactor, start: float = 0.0) -> _Sized:
     """Return the size and the errors to which a factor converges.
 
+    Steps of linearised logs may go to and fro between two sizes.  Where two of them
+    point at each other, what is left of the factor is zero in between.
+
     Parameters
     ----------
     first : FoundFactor
         The factor estimated from logs without the first size.
     """
-    size, last, found = start, first, [first]
+    size, last = start, first
+    left: dict[bool, tuple[float, float]] = {}  # by sign: a size, and what it leaves
     for _ in range(_ROUNDS):
-        step = float(np.clip(found[0].size, -_LARGEST, _LARGEST))
-        size, last = size + step, found[0]
+        step = float(np.clip(last.size, -_LARGEST, _LARGEST))
+        left[step > 0.0] = size, step
+        if len(left) == 2:
+            (low, up), (high, down) = left[True], left[False]
+            if abs(step) > 0.5 * abs(high - low):
+                step = (low * down - high * up) / (down - up) - size
+        size += step
         if abs(step) <= _SETTLED:
             break
         found = _estimated(as_is.without(first.factor, size), [first.factor])
         if not found:
             break
+        last = found[0]
     return _Sized(size, last.error, last.cautious)
 
 

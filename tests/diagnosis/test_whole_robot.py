@@ -8,7 +8,7 @@ from known_arm import OTHER_ROWS, arm, logged, pendulum
 from robots import random_robot, random_states
 
 from consistent_id import InertialParameters, Recording, TorqueModel, simulate_torque
-from consistent_id.diagnosis import LogFinding, diagnose
+from consistent_id.diagnosis import LogFinding, diagnose, whole_robot
 from consistent_id.diagnosis.all_logs import _without_wrong_gains
 from consistent_id.diagnosis.factor_findings import (
     FoundFactor,
@@ -22,6 +22,7 @@ from consistent_id.diagnosis.factor_findings import (
 )
 from consistent_id.diagnosis.factor_rows import (
     HARM,
+    Factor,
     FactorLogs,
     FactorRows,
     drives_share,
@@ -729,3 +730,29 @@ def test_the_printed_option_takes_a_zero_back():
         coupled=None,
     )
     np.testing.assert_allclose(read.position, log.position, atol=np.radians(2.0))
+
+
+class _Left:
+    """Logs of which a known amount of a factor is left."""
+
+    def __init__(self, slope, size=0.0):
+        self.slope, self.size = slope, size
+
+    def without(self, factor, size):
+        return _Left(self.slope, size)
+
+
+@pytest.mark.parametrize("slope", [0.5, 0.9, 1.0, 1.6, 2.0, 2.5])
+def test_a_factor_settles_though_steps_are_too_long(slope, monkeypatch):
+    """Steps of twice the way go to and fro for ever; longer ones go away."""
+    truth, asked = 0.4, []
+
+    def estimated(logs, factors):
+        asked.append(logs.size)
+        found = slope * (truth - logs.size) * (1.0 + 0.3 * logs.size)
+        return [FoundFactor(factors[0], found, 0.05, 0.06, 1.0)]
+
+    monkeypatch.setattr(whole_robot, "_estimated", estimated)
+    found = whole_robot._converged_from(_Left(slope), Factor("clock", "time", 0.1))
+    assert found.size == pytest.approx(truth, abs=0.03)
+    assert len(asked) <= 6
