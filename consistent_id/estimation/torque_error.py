@@ -11,7 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector, array_default, freeze_arrays
+from consistent_id._support.arrays import (
+    Array,
+    Matrix,
+    Vector,
+    array_default,
+    freeze_arrays,
+)
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression import torque_along
@@ -160,9 +166,10 @@ def _rms_beyond(
     error = motion.torque - motion.predicted(model, x)
     held = np.zeros(len(model.torque_joints)) if held is None else held
     moved = recording.of(model.robot.joint_names)
-    if motion.places is not None:
-        moved = moved.samples(motion.places)
-    left = beyond_friction(model, moved, error, held)
+    # Of a filtered recording with a low cut-off, one row may be kept.
+    kept = slice(None) if motion.places is None else motion.places
+    q, dq = moved.position[kept], np.asarray(moved.velocity)[kept]
+    left = beyond_friction(model, q, dq, error, held)
     return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
 
 
@@ -246,7 +253,7 @@ def holding(model: TorqueModel, x: Vector, moving: Vector) -> Vector:
 
 
 def beyond_friction(
-    model: TorqueModel, recording: Recording, error: Array, held: Vector
+    model: TorqueModel, q: Matrix, dq: Matrix, error: Array, held: Vector
 ) -> Array:
     """Return torque errors beyond the torque that friction at rest can balance.
 
@@ -254,8 +261,8 @@ def beyond_friction(
 
     Parameters
     ----------
-    recording : Recording
-        Recording of the robot's joints, with velocity.
+    q, dq : ndarray, each shape (samples, joints)
+        Motion of the robot's joints.
     error : ndarray, shape (samples, torque joints), [N m or N]
     held : ndarray, shape (torque joints,), [N m or N]
         From `holding`; where it is NaN, any torque may be held.
@@ -264,8 +271,7 @@ def beyond_friction(
     names = model.robot.joint_names
     for row, terms in _coulomb_terms(model).items():
         j = names.index(model.torque_joints[row])
-        q, dq = recording.position[:, j], np.asarray(recording.velocity)[:, j]
-        samples = JointSamples(q, dq, np.zeros_like(dq), None)
+        samples = JointSamples(q[:, j], dq[:, j], np.zeros(len(q)), None)
         speed = np.sum([abs(c) for t in terms for c in t.columns(samples)], axis=0)
         known = np.isfinite(held[row])
         slack = (

@@ -17,9 +17,11 @@ from consistent_id import (
     differentiated,
     simulate_torque,
 )
+from consistent_id.estimation.estimate import torque_errors
 from consistent_id.estimation.torque_error import BREAKAWAY, beyond_friction, holding
+from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.robot import load_urdf
-from consistent_id.signals import altered
+from consistent_id.signals import altered, low_passed
 
 COULOMB = 1.5  # N m, of the elbow; see FRICTION of `logged`
 
@@ -72,11 +74,19 @@ def test_in_motion_errors_are_errors_and_at_rest_less_what_friction_holds(arm, l
     velocity = np.zeros_like(log.velocity)
     velocity[:100] = 1.0  # fifty times the width of the sign change
     error = np.full(velocity.shape, 1.2)
-    left = beyond_friction(
-        arm, replace(log, velocity=velocity), error, np.array([0.5, np.nan])
-    )
+    left = beyond_friction(arm, log.position, velocity, error, np.array([0.5, np.nan]))
     np.testing.assert_allclose(left[:100], 1.2)
     np.testing.assert_allclose(left[100:], [[0.7, 0.0]] * (len(left) - 100))
+
+
+def test_the_error_on_a_filtered_recording_of_one_row_is_a_number(arm, log):
+    """So short a recording comes of a log whose clock counts another unit."""
+    whole = replace(log, torque_filter=None)
+    short = low_passed(replace(whole, time=1e-3 * log.time), torque_cutoff=2.0)
+    assert len(motion_of(arm, short, None).torque) == 1
+    (error,) = torque_errors([fitted(arm, log)], short)
+    assert error.rms.shape == (2,) and np.isfinite(error.rms).all()
+    assert (error.beyond <= error.rms).all()
 
 
 def test_what_friction_holds_is_its_level_or_a_share_of_the_drive_s_effort(arm):
