@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
-from consistent_id.recordings.readers.units import unit_of_a_name
+from consistent_id.recordings.readers.units import is_unit_of, unit_of_a_name
 
 CHANNELS = ("position", "velocity", "torque")
 
@@ -110,6 +110,7 @@ _NOT_OF_A_SENSOR |= {"joint", "contact"}
 
 
 _JOINT = re.compile(r"\{[^{},]*\}")
+_BRACKETS = re.compile(r"[\[(](?P<unit>[^\[\](){}]+)[\])]$")
 _LETTERS = re.compile(r"[a-z]+")
 _GREEK = str.maketrans({"θ": "theta", "τ": "tau"})
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
@@ -234,6 +235,25 @@ def says_nothing(pattern: str) -> bool:
     said = words(pattern)
     known = said & (_CURRENT | _COMMANDED | _COMMANDS | _OTHER | _BASE | _FLAG)
     return not (known or _fitting(frozenset(said)) or is_bare(pattern))
+
+
+def says_unit_of(channel: str, pattern: str) -> bool:
+    """Return whether a unit in brackets says the channel of a name without known words.
+
+    Examples
+    --------
+    >>> says_unit_of("torque", "{joint} load [Nm]"), says_unit_of("torque", "x [Nm]")
+    (True, True)
+    >>> says_unit_of("velocity", "{joint} rate [deg/s]")
+    True
+    >>> says_unit_of("torque", "{joint} friction error [Nm]")
+    False
+    """
+    found = _BRACKETS.search(pattern)
+    if found is None or channel not in CHANNELS:
+        return False
+    rest = pattern[: found.start()]
+    return says_nothing(rest) and is_unit_of(channel, found["unit"])
 
 
 def is_current(pattern: str) -> bool:

@@ -35,6 +35,7 @@ _KGF, _LBF = 9.80665, 4.4482216152605  # N, by definition; an inch is 25.4 mm
 _TORQUES |= {"kgf cm": 1e-2 * _KGF, "kgf m": _KGF}
 _TORQUES |= {"lbf in": 0.0254 * _LBF, "lbf ft": 0.3048 * _LBF}
 _TORQUES |= {"ozf in": 0.0254 * _LBF / 16.0}
+_OF_FORCES = ("N", "mN", "kN")
 # Converted to torque only by a gain: shares of the rated torque, and currents.
 _BY_GAIN = {"%": 1e-2, "permille": 1e-3, "A": 1.0, "mA": 1e-3}
 _VELOCITIES = {f"{unit}/s": factor for unit, factor in _MOTIONS.items()}
@@ -320,6 +321,21 @@ def is_unit(text: str) -> bool:
     for channel in ("position", "velocity", "torque"):
         with suppress(RecordingError):
             return bool(standard_unit(channel, text))
+    return False
+
+
+def is_unit_of(channel: str, text: str) -> bool:
+    """Return whether a text is a unit of a channel, and of no force or current.
+
+    Examples
+    --------
+    >>> is_unit_of("torque", "Nm"), is_unit_of("torque", "A")
+    (True, False)
+    """
+    if channel == "torque" and (text in _OF_FORCES or text in _BY_GAIN):
+        return False
+    with suppress(RecordingError):
+        return bool(standard_unit(channel, text))
     return False
 
 
