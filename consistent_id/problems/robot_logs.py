@@ -17,6 +17,11 @@ from consistent_id.problems.floating.floating_draft import (
     floating_columns,
 )
 from consistent_id.problems.log_entries import motion_of_joints
+from consistent_id.problems.needed_units import (
+    joined_options,
+    needed_unit,
+    require_seconds,
+)
 from consistent_id.problems.nominal_gains import (
     LogRowsOfJoints,
     NominalGains,
@@ -112,6 +117,7 @@ class RobotLogs:
             raw = recording_from(table, joints, self.columns, name=log.name, **how)
         else:
             raw = read_recording(log, joints, self.columns, topic=stated.topic, **how)
+        require_seconds(raw)
         return motion_of_joints(
             raw,
             wraps=stated.wraps,
@@ -285,16 +291,9 @@ def with_remedies(
             break
         options.append(error.options)
         try:
-            given = " ".join(options)
-            logs, read, more = with_options(model, log, stated, given, tables)
-            if more.wraps is None and _wraps(read):
-                said.append("Then positions jump by whole turns")
-                options.append("--wraps undo")
-                read = unwrapped(read)
-            gains = nominal_gains(logs.robot, read)
-            if gains is not None and gains.far and not len(more.torque_gain):
-                said.append(f"Then {gains.sentence[0].lower()}{gains.sentence[1:]}")
-                options.append(gains.option)
+            said_more, more_options = _further(model, log, stated, options, tables)
+            said += said_more
+            options += more_options
             break
         except (ModelError, RecordingError) as following:
             said.append(f"Then {following}")
@@ -302,7 +301,37 @@ def with_remedies(
         except ProblemError:  # such as a value that only the user knows
             break
     kind = ModelError if isinstance(cause, ModelError) else RecordingError
-    return kind("\n".join(said), options=" ".join(options), replaces=cause.replaces)
+    joined = joined_options(options)
+    return kind("\n".join(said), options=joined, replaces=cause.replaces)
+
+
+def _further(
+    model: Path,
+    log: Path,
+    stated: Statement,
+    options: Sequence[str],
+    tables: Mapping[Path, ColumnTable],
+) -> tuple[list[str], list[str]]:
+    """Return what a log that can be read with options needs besides: why, and options.
+
+    Units that its numbers show, whole turns, and gains that the bodies imply.
+    """
+    said, further = list[str](), list[str]()
+    logs, read, more = with_options(model, log, stated, joined_options(options), tables)
+    while (unit := needed_unit(logs.robot, read, more)) is not None:
+        said.append(f"Then {unit.sentence}: {unit.option}")
+        further.append(unit.option)
+        given = joined_options([*options, *further])
+        logs, read, more = with_options(model, log, stated, given, tables)
+    if more.wraps is None and _wraps(read):
+        said.append("Then positions jump by whole turns")
+        further.append("--wraps undo")
+        read = unwrapped(read)
+    gains = nominal_gains(logs.robot, read)
+    if gains is not None and gains.far and not len(more.torque_gain):
+        said.append(f"Then {gains.sentence[0].lower()}{gains.sentence[1:]}")
+        further.append(gains.option)
+    return said, further
 
 
 class ReadLog(NamedTuple):

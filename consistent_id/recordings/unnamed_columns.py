@@ -33,6 +33,7 @@ _COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too
 _MOST_READ = 50  # columns that may be a clock
 _OF_NAMES = {"joint", "joints", "motor", "actuator", "dof", "name", "names"}
 _CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t", "ts", "zeit"}
+_SPANS = _CLOCKS | {"duration", "elapsed", "millis", "ms", "seconds"}
 _UNEVEN = 20.0  # longest step over the median one, of a clock
 _REPEATED = 4  # most rows with one stamp
 _ALIKE = 0.9  # least correlation of a velocity with the position's rate of change
@@ -212,6 +213,11 @@ def is_clock(column: Vector) -> bool:
     return bool(rising.max() <= _UNEVEN * np.median(rising))
 
 
+def _counts(column: Vector) -> bool:
+    """Return whether a column counts rows, which says nothing of the time."""
+    return bool((np.diff(column) == 1.0).all())
+
+
 def layout_options(layout: ColumnLayout, known: Sequence[str] = ()) -> str:
     """Return the options that name the columns, filled in; empty if a channel is open.
 
@@ -375,6 +381,13 @@ def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> Recordi
     read = reader_of(log).read_arrays(log, likely) if likely else {}
     columns = {name: np.asarray(values).reshape(-1) for name, values in read.items()}
     rising = [n for n, c in columns.items() if c.dtype.kind in "iuf" and is_clock(c)]
+    counted = [n for n in rising if _counts(columns[n]) and not words(n) & _SPANS]
+    if rising and rising[0] in counted:
+        return RecordingError(
+            f"{said}. {counted[0]} counts up by 1 from row to row: rows, or "
+            f"milliseconds at 1000 Hz. State the rate of samples: --time {RATE}",
+            options=f"--time {RATE}",
+        )
     if rising:
         unit = unit_option(columns[rising[0]].astype(np.float64))
         options = f"--time {shlex.quote(rising[0])} {unit}".strip()

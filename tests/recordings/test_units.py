@@ -8,16 +8,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from consistent_id import Columns, RecordingError, read_recording, recording_from
+from consistent_id import (
+    Columns,
+    Recording,
+    RecordingError,
+    read_recording,
+    recording_from,
+)
 from consistent_id.problems.statement_words import units as units_of
 from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.readers.units import (
     KNOWN,
     factors,
+    fraction_unit,
     is_time,
+    split_clock,
     standard_unit,
     unit_of_a_name,
 )
+from consistent_id.recordings.recording import unit_option
 
 # By definition: a turn is 2 pi rad, a minute 60 s.
 FACTORS = {
@@ -248,3 +257,52 @@ def test_what_is_no_unit_of_torque_is_refused(said):
 )
 def test_a_unit_may_stand_before_the_joint(channel, name, unit):
     assert unit_of_a_name(channel, name) == unit
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "is_clock"),
+    [
+        ("time [min]", "min", True),
+        ("time_min", "min", True),
+        ("Time (h)", "h", True),
+        ("t [days]", "day", True),
+        ("q_min", "", False),
+    ],
+)
+def test_minutes_and_hours_are_units_of_clocks_alone(name, unit, is_clock):
+    """A clock in minutes was read in seconds; q_min is the least of an angle."""
+    channel = "time" if is_clock else "position"
+    assert unit_of_a_name(channel, name) == unit
+    assert is_time(name) == is_clock
+
+
+def test_a_clock_in_two_columns_may_be_named_with_capitals():
+    names = ["TimestampSec", "TimestampNanoSec", "q1"]
+    assert split_clock(names) == "TimestampSec + TimestampNanoSec"
+    assert split_clock(["ZeitInSec", "ZeitInNanoSec"]) == "ZeitInSec + ZeitInNanoSec"
+    assert fraction_unit("log", "TimestampNanoSec") == 1e-9
+    assert fraction_unit("log", "stamp.nanosec") == 1e-9
+
+
+@pytest.mark.parametrize(
+    ("start", "step", "unit"),
+    [
+        (1.7e12, 10.0, "ms"),
+        (1.7e15, 100.0, "us"),  # 10 kHz, not 10 Hz in milliseconds
+        (6.39e17, 1e5, "100ns"),  # from the year 1
+        (1.34e17, 1e5, "100ns"),  # from 1601
+        (1.7e18, 1e6, "ns"),
+        (0.5, 1e-7, "day"),
+    ],
+)
+def test_the_unit_of_a_clock_is_known_by_the_year_from_which_it_counts(
+    start, step, unit
+):
+    times = start + step * np.arange(5)
+    assert unit_option(times) == f"--units time={unit}"
+
+
+def test_stamps_that_are_all_equal_need_a_rate():
+    q = np.arange(5.0)[:, None]
+    with pytest.raises(RecordingError, match="--time RATEHz"):
+        Recording(("a",), np.full(5, 1.7e9), q)

@@ -19,6 +19,7 @@ Units = Mapping[str, str | Sequence[str]]
 """Unit by channel: one for all joints, or one each."""
 
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+_TIMES |= {"h": 3600.0, "day": 86400.0, "100ns": 1e-7}
 _ANGLES = {
     "rad": 1.0,
     "mrad": 1e-3,
@@ -75,6 +76,9 @@ _SPELT = {
         "ms": "msec msecs millisecond milliseconds",
         "us": "µs μs usec usecs microsecond microseconds",
         "ns": "nsec nsecs nanosecond nanoseconds",
+        "min": "mins minute minutes",
+        "h": "hr hrs hour hours",
+        "day": "days",
         "%": "percent pct",
         "permille": "‰",
         "A": "amp ampere",
@@ -101,6 +105,10 @@ _OF_A_TURN = re.compile(r"rev\s*/\s*(?P<counts>[1-9]\d*(?:\.\d+)?(?:e\+?\d\d?)?)
 # Endings of names that are not SI units.
 _NOT_TIME = (
     "ms|msecs?|milliseconds?|us|µs|μs|usecs?|microseconds?|ns|nsecs?|nanoseconds?"
+)
+_LAST_TIME = re.compile(
+    rf"[\[(_ ]\s*({_NOT_TIME}|min|mins|minutes?|h|hrs?|hours?|days?)\s*[\])]?$",
+    re.IGNORECASE,
 )
 _COUNTS = r"counts?|ticks?|pulses?|incs?|increments?|steps"  # of an encoder
 _NOT_MOTION = (
@@ -161,7 +169,10 @@ _FRACTIONS = {
 _LISTED = re.compile(r"\{(?P<items>[^{}]*,[^{}]*)\}")  # a word for each joint
 RATE = "RATEHz"  # in place of a rate that no log holds
 _SECONDS = ("s", "sec", "secs", "second", "seconds")
-_LAST_WORD = re.compile(r"[A-Za-z]+$")
+_LAST_HUMP = re.compile(r"(?:(?<![A-Za-z])|(?<=[a-z])(?=[A-Z]))[A-Za-z][a-z]*$")
+_ENDS = tuple(  # of the name of a fraction: a word, or one or two words with capitals
+    map(re.compile, (r"[A-Za-z]+$", r"[A-Z][a-z]*[A-Z][a-z]*$", _LAST_HUMP.pattern))
+)
 
 
 def standard_unit(channel: str, unit: str) -> str:
@@ -268,11 +279,10 @@ def unit_of_a_name(channel: str, pattern: str) -> str:
     if len(each := listed_names(pattern)) > 1:
         return next(filter(None, (unit_of_a_name(channel, one) for one in each)), "")
     name = _TAIL.sub("", re.sub(r"\{[^}]*\}", "", pattern))
-    found = (_LAST_TORQUE if channel.startswith("torque") else _LAST).search(name)
+    last = {"to": _LAST_TORQUE, "ti": _LAST_TIME}.get(channel[:2], _LAST)
+    found = last.search(name)
     if found is None:
         return ""
-    if channel == "time" and _is_count(found[1]):
-        return ""  # a number of samples has no unit, and no factor to seconds
     for said in (found[1], found[1] + _per(channel)):  # left out in many names
         with suppress(RecordingError):
             return standard_unit(channel, said)
@@ -352,7 +362,9 @@ def is_other_unit(text: str) -> bool:
     return _UNIT.fullmatch(text.strip()) is not None
 
 
-_UNIT_OF_TIME = re.compile(r"[\s_]*[\[(]?\b(ms|us|ns|s|sec|seconds)[\])]?$")
+_UNIT_OF_TIME = re.compile(
+    r"[\s_]*[\[(]?\b(ms|us|ns|s|sec|seconds|min|minutes|h|hours|days?)[\])]?$"
+)
 
 
 def is_time(name: str) -> bool:
@@ -386,9 +398,11 @@ def split_clock(names: Collection[str]) -> str | None:
     --------
     >>> split_clock(["header.stamp.sec", "header.stamp.nanosec", "position0"])
     'header.stamp.sec + header.stamp.nanosec'
+    >>> split_clock(["TimestampSec", "TimestampNanoSec"])
+    'TimestampSec + TimestampNanoSec'
     """
     for name in names:
-        last = _LAST_WORD.search(name)
+        last = _LAST_HUMP.search(name)
         if last is None or last[0].lower() not in _SECONDS:
             continue
         stem = name[: last.start()]
@@ -427,8 +441,9 @@ def fraction_unit(where: str, name: str) -> float:
     RecordingError
         If its name does not end in one.
     """
-    last = _LAST_WORD.search(name)
-    factor = _FRACTIONS.get("" if last is None else last[0].lower())
+    words = (last[0] for end in _ENDS if (last := end.search(name)) is not None)
+    known = (_FRACTIONS.get(word.lower()) for word in words)
+    factor = next((factor for factor in known if factor is not None), None)
     if factor is None:
         raise RecordingError(
             f"{where}: no unit ends {name!r}, expected the fraction of a second of a "
