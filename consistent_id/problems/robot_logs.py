@@ -50,7 +50,9 @@ from consistent_id.recordings.readers import Columns, read_recording, recording_
 from consistent_id.recordings.readers.columns import wanted
 from consistent_id.recordings.readers.data_frames import ColumnTable, table_names
 from consistent_id.recordings.readers.named_arrays import require_gain
+from consistent_id.recordings.readers.printed_messages import is_element
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
+from consistent_id.recordings.readers.text_files import encoding_of
 from consistent_id.recordings.readers.units import RATE
 from consistent_id.recordings.readers.used_rows import NoValueError
 from consistent_id.recordings.recording import Recording
@@ -70,6 +72,7 @@ _MOST_REMEDIES = 4
 _MOST_LOST = 0.2  # share of a log's rows that lack the velocity, and are left out
 _WHOLE = 0.8  # of a turn: a jump by a whole one
 _STEADY = 1.0  # rad, between samples that do not jump
+_HEAD = 1_000  # characters of a file that show what it is
 _CHANNELS = ("time", "position", "velocity", "torque", "position_command")
 
 
@@ -599,6 +602,7 @@ def gains_of(given: Sequence[float], joints: int) -> list[float] | float:
 def _require_order(model: Path, log: Path) -> None:
     """Refuse a log in the place of the robot, and the robot in that of a log."""
     suffixes = {suffix for known in LOG_FORMATS for suffix in known.suffixes}
+    suffixes -= {*_ROBOTS}  # XML is a robot, unless its content says otherwise
     first, second = model.suffix.lower(), log.suffix.lower()
     if model.is_dir() and not log.exists():
         raise ProblemError(f"{log}: no such file or folder")
@@ -620,8 +624,17 @@ def _require_order(model: Path, log: Path) -> None:
             f"{model} is a problem file, which names its own recordings: leave {log} "
             "out, or put the robot's URDF or MJCF file in its place"
         )
-    if second in _ROBOTS:
+    if second in _ROBOTS and not _has_elements(log):
         raise ProblemError(f"{log} is a robot, expected a log after {model}")
+
+
+def _has_elements(log: Path) -> bool:
+    """Return whether an XML file is no robot, but a log of elements."""
+    try:
+        with log.open(encoding=encoding_of(log)) as file:
+            return is_element(file.read(_HEAD))
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 _ARRAYS = ("NPZ", "Parquet", "Feather")  # formats whose columns may be arrays

@@ -376,9 +376,10 @@ class NamePattern:
 
 
 _OF_A_JOINT = {"measured", "meas", "msr", "mes", "actual", "act", "real", "ist"}
+_OF_A_JOINT |= {"feedback", "fb", "fbk"}
 _DOUBTFUL = set(
     "sim simulated model nominal ff feedforward set rated max min est estimated "
-    "offset bias friction prev".split()
+    "offset bias friction prev output".split()
 )
 _OF_A_MOTOR = {"motor", "rotor"}  # before the gear
 

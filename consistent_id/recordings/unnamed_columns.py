@@ -213,6 +213,18 @@ def is_clock(column: Vector) -> bool:
     return bool(rising.max() <= _UNEVEN * np.median(rising))
 
 
+def _readable(log: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return the columns that can be read; those with empty cells may not matter."""
+    if not names:
+        return {}
+    try:
+        return dict(reader_of(log).read_arrays(log, names))
+    except RecordingError:
+        half = len(names) // 2
+        parts = (names[:half], names[half:]) if half else ()
+        return {n: v for part in parts for n, v in _readable(log, part).items()}
+
+
 def _counts(column: Vector) -> bool:
     """Return whether a column counts rows, which says nothing of the time."""
     return bool((np.diff(column) == 1.0).all())
@@ -378,8 +390,10 @@ def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> Recordi
     said = f"{log}: no column is named time, t or timestamp; the log has {shown(names)}"
     likely = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
     likely = likely[:_MOST_READ] if in_file else []
-    read = reader_of(log).read_arrays(log, likely) if likely else {}
-    columns = {name: np.asarray(values).reshape(-1) for name, values in read.items()}
+    columns = {
+        name: np.asarray(values).reshape(-1)
+        for name, values in _readable(log, likely).items()
+    }
     rising = [n for n, c in columns.items() if c.dtype.kind in "iuf" and is_clock(c)]
     counted = [n for n in rising if _counts(columns[n]) and not words(n) & _SPANS]
     if rising and rising[0] in counted:

@@ -223,3 +223,34 @@ def test_a_long_table_is_read_once_as_long_as_the_file_is_the_same(
     table["joint"] = ["hand", "wrist"] * len(TIME)
     pq.write_table(pa.table(table), file)
     assert "hand.position" in column_names(file)
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_names_above_nested_lists_are_those_of_their_items(tmp_path, beside):
+    """As in messages of a controller's state, whose joints have any order."""
+    records = [
+        {
+            "time": k / 10,
+            "joint_names": ["elbow", "shoulder"],
+            "output": {"positions": [9, 9], "effort": [9, 9]},
+            "feedback": {"positions": [k, -k], "effort": [2 * k, 3]},
+        }
+        for k in range(120)
+    ]
+    file = tmp_path / "log.json"
+    file.write_text(json.dumps({"of": "arm", "log": records} if beside else records))
+    guess = guess_columns(file, KnownColumns(("shoulder", "elbow")))
+    assert guess.columns.torque == "feedback.effort.{joint}"
+    log = read_recording(file, ("shoulder", "elbow"), guess.columns)
+    np.testing.assert_array_equal(log.position[:, 1], np.arange(120))
+    np.testing.assert_array_equal(log.torque[:, 0], np.full(120, 3))
+
+
+def test_an_object_for_each_joint_is_one_of_their_columns(tmp_path):
+    file = tmp_path / "log.jsonl"
+    rows = [{"t": k, "m": [{"q": k, "tau": 1}, {"q": -k, "tau": 2}]} for k in range(9)]
+    file.write_text("\n".join(map(json.dumps, rows)))
+    columns = guess_columns(file, KnownColumns(("shoulder", "elbow"))).columns
+    log = read_recording(file, ("shoulder", "elbow"), columns)
+    np.testing.assert_array_equal(log.position[:, 1], -np.arange(9))
+    np.testing.assert_array_equal(log.torque[:, 1], np.full(9, 2))

@@ -13,6 +13,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from consistent_id.recordings.readers.yaml_messages import fields_of
+
 _CHANNELS = ("position", "velocity", "effort")
 _STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 _BEFORE_NAMES = 3  # fields of a header: seconds, nanoseconds, frame
@@ -115,6 +117,11 @@ def _is_number(text: str) -> bool:
     return True
 
 
+def is_element(text: str) -> bool:
+    """Return whether a text begins with an element of KUKA's interface."""
+    return _XML.match(text) is not None
+
+
 def is_printed(text: str) -> bool:
     """Return whether a text begins with a message, or has lists in its first row."""
     if _YAML.match(text) or _XML.match(text):
@@ -136,11 +143,14 @@ def as_table(text: str) -> str:
     else:
         parts = re.split(r"^---\s*$", text, flags=re.MULTILINE)
         rows = [row for part in parts for row in _of_yaml(part)]
-    sizes = Counter({names: 0 for names in map(tuple, rows)})
+        rows = rows or [row for row in map(fields_of, parts) if row]
+    sizes = Counter({frozenset(row): 0 for row in rows})
     for row in rows:
-        sizes[tuple(row)] += len(row)
-    names = max(sizes, key=sizes.__getitem__, default=())
-    lines = [",".join(row.values()) for row in rows if tuple(row) == names]
+        sizes[frozenset(row)] += len(row)
+    most = max(sizes, key=sizes.__getitem__, default=frozenset())
+    used = [row for row in rows if frozenset(row) == most]
+    names = list(used[0]) if used else []  # their order may differ from row to row
+    lines = [",".join(row[name] for name in names) for row in used]
     return "\n".join([",".join(names), *lines, ""])
 
 
