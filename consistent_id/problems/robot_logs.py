@@ -217,7 +217,8 @@ def robot_logs(
     try:
         return _found(model, log, stated, tables)
     except (ModelError, RecordingError) as cause:
-        if cause.option_names <= {declarations()[n].option for n in stated.given}:
+        known = {declarations()[n].option for n in stated.given}
+        if cause.option_names <= known and not cause.replaces:
             raise  # the error proposes nothing, or only stated options
         raise with_remedies(cause, model, log, stated, tables) from None
 
@@ -288,6 +289,8 @@ def with_remedies(
     tables: Mapping[Path, ColumnTable],
 ) -> ModelError | RecordingError:
     """Return an error that proposes all needed options, not only the first."""
+    if cause.replaces:  # what it proposes are no options
+        return cause
     said, options, error = [str(cause)], list[str](), cause
     while error.options and len(options) < _MOST_REMEDIES:
         if error.option_names & set(" ".join(options).split()):

@@ -16,6 +16,7 @@ from typing import Any, cast
 import numpy as np
 
 from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.recordings.channel_clocks import require_one_clock
 from consistent_id.recordings.column_names import (
     NamePattern,
     NumberedColumns,
@@ -237,6 +238,8 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             notes.append(f"{best.text} is taken as the position: no other column is")
         if also := rivals(best, others):
             notes.append(f"{channel} is read from {best.text}, not from {also}")
+    if in_file:
+        require_one_clock(log, column_names(log), found)
     if ordered and found.array_joints:
         order = listed or array_order(log, names, tuple(found.array_joints))
         found = replace(found, array_joints=order)

@@ -378,8 +378,8 @@ def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:
     if split is not None:
         return split
     likely = [name for name in names if in_file and words(name) & _CLOCKS]
-    read = reader_of(log).read_arrays(log, likely) if likely else {}
-    rising = [n for n in likely if is_clock(np.asarray(read[n], float).reshape(-1))]
+    read = _readable(log, likely)
+    rising = [n for n in read if is_clock(np.asarray(read[n], float).reshape(-1))]
     if len(rising) == 1:
         return rising[0]
     raise _without_clock(log, names, in_file=in_file)
@@ -388,8 +388,9 @@ def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:
 def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> RecordingError:
     """Return an error that proposes columns that rise like a clock, or a rate."""
     said = f"{log}: no column is named time, t or timestamp; the log has {shown(names)}"
-    likely = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
-    likely = likely[:_MOST_READ] if in_file else []
+    clocks = [name for name in names if words(name) & _CLOCKS]
+    plain = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
+    likely = list(dict.fromkeys([*clocks, *plain]))[:_MOST_READ] if in_file else []
     columns = {
         name: np.asarray(values).reshape(-1)
         for name, values in _readable(log, likely).items()
