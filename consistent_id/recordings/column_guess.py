@@ -46,6 +46,7 @@ from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.units import KNOWN, SI, Units, listed_names
 from consistent_id.recordings.recording import COMMANDS
+from consistent_id.recordings.unknown_columns import joints_of_wide, unknown_columns
 from consistent_id.recordings.unnamed_columns import (
     array_order,
     clock_column,
@@ -182,6 +183,8 @@ def guess_columns(log: Path, known: KnownColumns) -> ColumnGuess:
         units=known.units or {},
     )
     found = replace(usual, **cast(dict[str, Any], dict(known.channels)))
+    if not bag and known.names is None:
+        found = _with_arrays(log, found, known)
     if bag:
         return _of_messages(log, found, known)
     if {"time", "position", known.effort} <= set(known.channels):
@@ -191,6 +194,18 @@ def guess_columns(log: Path, known: KnownColumns) -> ColumnGuess:
         of_arrays = {c: name for c, name in given if name is not None}
         known = replace(known, channels=of_arrays | dict(known.channels))
     return _in_units(_searched(log, found, known))
+
+
+def _with_arrays(log: Path, found: Columns, known: KnownColumns) -> Columns:
+    """Add the joints of arrays, if a stated channel is one and not a pattern."""
+    stated = [known.channels[c] for c in known.channels if c != "time"]
+    arrays = [name for name in stated if "{" not in name]
+    if found.array_joints or len(known.joints) < 2 or not arrays:
+        return found
+    names = column_names(log)
+    if has_no_arrays(log, names):
+        return found
+    return replace(found, array_joints=array_order(log, names, known.joints))
 
 
 def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
@@ -222,7 +237,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             raise _not_found(log, channel, names, where, known)
         best, *others = patterns
         if in_file and best.is_array and channel == "position":
-            _require_width(log, best.text, listed or moved, known.rows)
+            _require_width(log, best.text, listed or moved, names, known)
         found = _with(found, channel, best)
         if channel == "position":
             moved = best.joints
@@ -280,6 +295,13 @@ def _of_messages(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         notes.append(f"joint states are read from {chosen.name}, not from {others}")
     has_torque = "torque" in known.channels or "effort" in chosen.fields
     if not has_torque and not known.torque_joints:
+        if chosen.with_effort:
+            option = f"--topic {chosen.with_effort[0]}"
+            raise RecordingError(
+                f"{log}: topic {chosen.name} has no effort of {shown(named)}, but "
+                f"{', '.join(chosen.with_effort)} has: {option}",
+                options=option,
+            )
         raise RecordingError(
             f"{log}: topic {chosen.name} has no effort of {shown(named)}. "
             f"{_WITHOUT_TORQUE} --torque-joints JOINT ... if it has that of some joints"
@@ -415,6 +437,8 @@ def _not_found(
             f" Of the columns without a known word, only {unknown} are as many as the "
             f"joints: if they are torques or motor currents: {options}"
         )
+    elif found := _by_numbers(log, names, joints, known):
+        more, options = found
     elif not any(joint in name for joint in joints for name in names):
         more = " If the log has other names of joints: --names NAME=JOINT ..."
     flag = channel.replace("_", "-")
@@ -424,6 +448,23 @@ def _not_found(
         f"{{number}} for the joint's place from 1, {{index}} from 0.{more}",
         options=options,
     )
+
+
+def _by_numbers(
+    log: Path, names: Sequence[str], joints: tuple[str, ...], known: KnownColumns
+) -> tuple[str, str] | None:
+    """Return a sentence and options for columns whose names say nothing."""
+    if known.names is not None:
+        return None
+    fewer = range(len(joints) - 1, 1, -1) if known.rows is None else sorted(known.rows)
+    numbers = [len(joints), *(n for n in fewer if 1 < n < len(joints))]
+    found = unknown_columns(log, names, numbers, known.channels)
+    if found is None:
+        return None
+    if found.joints == len(joints):
+        return found.sentence, found.options
+    lock = _locked(found.joints, joints, known.rows)
+    return f"{found.sentence}, with {lock}", f"{lock} {found.options}"
 
 
 def _unknown(
@@ -450,18 +491,44 @@ def _require_width(
     log: Path,
     name: str,
     joints: Sequence[str],
-    rows: Mapping[int, Sequence[Sequence[str]]] | None,
+    names: Sequence[str],
+    known: KnownColumns,
 ) -> None:
     """Refuse an array that has columns of fewer or more joints."""
-    shape = np.shape(reader_of(log).read_arrays(log, [name])[name])
-    if len(shape) != 2 or len(joints) in shape:
+    array = np.asarray(reader_of(log).read_arrays(log, [name])[name])
+    if array.ndim != 2 or len(joints) in array.shape:
         return
-    options = _locked(min(shape), joints, rows)
+    number = min(array.shape)
+    options = _locked(number, joints, known.rows)
+    more = _of_another_number("These are", number, joints, known.rows)
+    if number > len(joints):
+        upright = array if array.shape[1] == number else array.T
+        options = _part_of_wide(log, upright, names, tuple(joints), known)
+        more = f"{more} If the joints are those of a part of them: {options}"
     raise RecordingError(
-        f"{log}: array {name!r} has shape {shape}."
-        f"{_of_another_number('These are', min(shape), joints, rows)}",
-        options=options,
+        f"{log}: array {name!r} has shape {array.shape}.{more}", options=options
     )
+
+
+def _part_of_wide(
+    log: Path,
+    position: np.ndarray,
+    names: Sequence[str],
+    joints: tuple[str, ...],
+    known: KnownColumns,
+) -> str:
+    """Return the options that name the robot's joints in arrays of more columns."""
+    first, end = joints_of_wide(position, len(joints))
+    lock = _locked(end - first, joints, known.rows) if end - first < len(joints) else ""
+    said = [lock] if lock else []
+    for channel in ("position", "velocity", known.effort):
+        arrays = [p.text for p in _candidates(channel, names, joints, known)]
+        read = reader_of(log).read_arrays(log, arrays) if arrays else {}
+        wide = [n for n in arrays if np.shape(read[n])[-1:] == position.shape[1:]]
+        if wide:
+            flag = channel.replace("_", "-")
+            said.append(f"--{flag} {shlex.quote(f'{wide[0]}[{first}:{end}]')}")
+    return " ".join(said)
 
 
 def _likely(

@@ -458,6 +458,7 @@ def _name_patterns(
             key=lambda p: (
                 -len(p.joints),
                 doubt(channel, p.text),
+                bool(words(p.text) & _OF_A_MOTOR),  # torques of motors, last
                 "{joint}" not in p.text,
                 len(p.text),
             ),

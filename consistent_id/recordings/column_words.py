@@ -112,6 +112,7 @@ _NOT_OF_A_SENSOR |= {"joint", "contact"}
 _JOINT = re.compile(r"\{[^{},]*\}")
 _BRACKETS = re.compile(r"[\[(](?P<unit>[^\[\](){}]+)[\])]$")
 _LETTERS = re.compile(r"[a-z]+")
+_OTHER_LETTERS = re.compile(r"[^\W\d_a-zà-ÿµμ]+")  # Japanese, Cyrillic and the like
 _GREEK = str.maketrans({"θ": "theta", "τ": "tau"})
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 # A word that another one follows without a mark: ``jointpos``, ``qmeas``.
@@ -134,7 +135,11 @@ def words(pattern: str) -> set[str]:
     rest = _JOINT.sub(" ", pattern).translate(_GREEK)
     lower = rest.lower()
     apart = _GLUED.sub(r"\1 ", _HUMP.sub(" ", rest).lower())
-    return {*_LETTERS.findall(lower), *_LETTERS.findall(apart)}
+    return {
+        *_LETTERS.findall(lower),
+        *_LETTERS.findall(apart),
+        *_OTHER_LETTERS.findall(lower),
+    }
 
 
 def states(names: Iterable[str]) -> tuple[str, ...]:

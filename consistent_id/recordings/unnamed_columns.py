@@ -33,6 +33,7 @@ _COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too
 _MOST_READ = 50  # columns that may be a clock
 _OF_NAMES = {"joint", "joints", "motor", "actuator", "dof", "name", "names"}
 _CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t", "ts", "zeit"}
+_CLOCKS |= {"times", "stamps", "tout"}
 _SPANS = _CLOCKS | {"duration", "elapsed", "millis", "ms", "seconds"}
 _UNEVEN = 20.0  # longest step over the median one, of a clock
 _REPEATED = 4  # most rows with one stamp
@@ -213,6 +214,16 @@ def is_clock(column: Vector) -> bool:
     return bool(rising.max() <= _UNEVEN * np.median(rising))
 
 
+def _first_of_array(arrays: Mapping[str, np.ndarray]) -> str:
+    """Return the first column of the only array of many, if it rises like a clock."""
+    wide = {n: v for n, v in arrays.items() if np.ndim(v) == 2 and min(v.shape) > 1}
+    for name, values in wide.items() if len(wide) == len(arrays) == 1 else ():
+        if values.shape[0] > values.shape[1] and values.dtype.kind in "iuf":
+            column = values[:, 0].astype(np.float64)
+            return f"{name}[0:1]" if is_clock(column) else ""
+    return ""
+
+
 def _readable(log: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the columns that can be read; those with empty cells may not matter."""
     if not names:
@@ -391,10 +402,15 @@ def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> Recordi
     clocks = [name for name in names if words(name) & _CLOCKS]
     plain = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
     likely = list(dict.fromkeys([*clocks, *plain]))[:_MOST_READ] if in_file else []
-    columns = {
-        name: np.asarray(values).reshape(-1)
-        for name, values in _readable(log, likely).items()
-    }
+    read = _readable(log, likely)
+    if first := _first_of_array(read):
+        options = f"--time {shlex.quote(first)}"
+        return RecordingError(
+            f"{said}. {first}: numbers that rise evenly. If these are the clock: "
+            f"{options}",
+            options=options,
+        )
+    columns = {name: np.asarray(values).reshape(-1) for name, values in read.items()}
     rising = [n for n, c in columns.items() if c.dtype.kind in "iuf" and is_clock(c)]
     counted = [n for n in rising if _counts(columns[n]) and not words(n) & _SPANS]
     if rising and rising[0] in counted:

@@ -1,0 +1,105 @@
+"""Columns whose names say nothing, and arrays wider than the robot, are proposed."""
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.column_words import is_bare
+from consistent_id.recordings.readers import read_recording
+from consistent_id.recordings.unknown_columns import joints_of_wide
+
+JOINTS = ("pan", "lift")
+TIME = np.arange(300) * 0.01
+Q = np.column_stack([np.sin(3 * TIME), np.cos(2 * TIME)])
+DQ = np.column_stack([3 * np.cos(3 * TIME), -2 * np.sin(2 * TIME)])
+TAU = 5 * Q**3 + 1.0
+
+
+def options_of(path, joints=JOINTS, channels=()):
+    with pytest.raises(RecordingError) as caught:
+        guess_columns(path, KnownColumns(joints, dict(channels)))
+    return caught.value.options
+
+
+def read_with(path, options, joints=JOINTS):
+    """Read a log with options, as a shell passes them."""
+    words = options.replace("'", "").split()
+    channels = {w[2:]: v for w, v in zip(words[::2], words[1::2], strict=True)}
+    guess = guess_columns(path, KnownColumns(joints, channels))
+    return read_recording(path, joints, guess.columns)
+
+
+def assert_is_read(log):
+    np.testing.assert_allclose(log.position, Q)
+    np.testing.assert_allclose(log.torque, TAU)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("posicion_{}", "velocidad_{}", "par_{}"),
+        ("角度{}", "角速度{}", "トルク{}"),
+        ("position_{}", "vitesse_{}", "couple_{}"),
+    ],
+)
+def test_words_of_other_languages_are_found_by_their_numbers(tmp_path, names):
+    header = ["t", *(name.format(k) for name in names for k in (1, 2))]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([TIME, Q, DQ, TAU])
+    np.savetxt(path, table, "%.17g", ",", header=",".join(header), comments="")
+    options = options_of(path)
+    each = [name.format("{number}") for name in names]
+    channels = ("position", "velocity", "torque")
+    expected = [f"--{c} '{n}'" for c, n in zip(channels, each, strict=True)]
+    assert options == " ".join(expected)
+    assert_is_read(read_with(path, options))
+
+
+def test_letters_that_are_not_latin_are_a_word():
+    """Such a column was taken as the position, because it had no word."""
+    assert is_bare("{number}")
+    assert not is_bare("角度{number}")
+    assert not is_bare("скорость{number}")
+
+
+@pytest.mark.parametrize("lying", [False, True])
+def test_a_state_is_split_into_position_and_velocity(tmp_path, lying):
+    """Drake's logs have samples in columns."""
+    path = tmp_path / "log.npz"
+    arrays = {"x": np.hstack([Q, DQ]), "u": TAU}
+    arrays = {n: v.T if lying else v for n, v in arrays.items()}
+    np.savez(path, sample_times=TIME, **arrays)
+    options = options_of(path)
+    assert options == "--position 'x[0:2]' --velocity 'x[2:4]' --torque u"
+    assert_is_read(read_with(path, options))
+
+
+def test_the_columns_of_one_matrix_are_found(tmp_path):
+    path = tmp_path / "log.mat"
+    savemat(path, {"data": np.column_stack([TIME, Q, DQ, TAU])})
+    clock = options_of(path)
+    assert clock == "--time 'data[0:1]'"
+    options = options_of(path, channels={"time": "data[0:1]"})
+    assert options.startswith("--position 'data[1:3]' --velocity 'data[3:5]'")
+    assert_is_read(read_with(path, f"{clock} {options}"))
+
+
+def test_arrays_wider_than_the_robot_are_answered_with_the_part_that_moves(tmp_path):
+    path = tmp_path / "log.npz"
+    rest = np.zeros((len(TIME), 1))
+    arrays = {"qpos": Q, "qvel": DQ, "tau": TAU}
+    np.savez(path, time=TIME, **{n: np.hstack([v, rest]) for n, v in arrays.items()})
+    options = options_of(path)
+    parts = "--position 'qpos[0:2]' --velocity 'qvel[0:2]' --torque 'tau[0:2]'"
+    assert options == parts
+    assert_is_read(read_with(path, options))
+    assert joints_of_wide(np.hstack([rest, Q, rest]), 3) == (1, 3)
+    assert joints_of_wide(np.hstack([Q, Q]), 2) == (0, 2)
+
+
+def test_an_array_can_be_stated(tmp_path):
+    path = tmp_path / "log.npz"
+    np.savez(path, time=TIME, one=Q, other=TAU)
+    assert_is_read(read_with(path, "--position one --torque other"))
