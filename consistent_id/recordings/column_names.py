@@ -15,6 +15,7 @@ from itertools import count, takewhile, zip_longest
 from operator import eq
 
 from consistent_id.recordings.column_words import (
+    before_unit_of,
     channel_of,
     is_bare,
     is_current,
@@ -235,6 +236,9 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
             groups["", mark].append(name.removesuffix(mark))
         elif start and channel_of(start[0]) == channel:  # posBase
             groups[start[0], ""].append(name.removeprefix(start[0]))
+    for name in names if not groups else ():
+        if (bare := before_unit_of(channel, name)) is not None:
+            groups["", name.removeprefix(bare)].append(bare)
     found = max(groups.values(), key=len, default=[])
     own = _without_common_start(found) if len(found) > 1 else ()
     if channel == "position" and not own:
@@ -296,6 +300,9 @@ def pairs_of(own: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str]
 
     Equal names first, then those that are alike and have no rival; the rest in order.
     """
+    if affixes := _affixes(own, joints):
+        before, after = affixes[0]
+        return tuple((name, f"{before}{name}{after}") for name in own)
     left, open_ = list(own), list(joints)
     found: dict[str, str] = {}
     for related in (eq, _alike):
@@ -304,6 +311,24 @@ def pairs_of(own: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str]
         open_ = [joint for joint in open_ if joint not in found.values()]
     found.update(zip(left, open_, strict=False))
     return tuple((name, found[name]) for name in own if name in found)
+
+
+def _affixes(own: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Return what stands before and after all names in joints' names, in their order.
+
+    Examples
+    --------
+    >>> _affixes(["s0", "s1"], ["head", "left_s0", "left_s1", "right_s0", "right_s1"])
+    (('left_', ''), ('right_', ''))
+    """
+    known = frozenset(joints)
+    found = [
+        (before, after)
+        for joint in joints
+        for before, mark, after in [joint.partition(own[0])]
+        if mark and all(f"{before}{name}{after}" in known for name in own)
+    ]
+    return tuple(found) if len(own) > 1 else ()
 
 
 def _alone(
@@ -329,6 +354,9 @@ def mapping_advice(own: Sequence[str], joints: Sequence[str]) -> str:
     """Return a sentence that proposes the mapping of a log's names, filled in."""
     pairs = pairs_of(own, joints)
     what = f" The log's own names of joints are {', '.join(own)}"
+    if rivals := _affixes(own, joints)[1:]:
+        others = " and ".join(f"{before}{own[0]}{after}" for before, after in rivals)
+        what += f" ({pairs[0][1]} and so on; {others} would fit as well)"
     if len(pairs) < len(joints):
         given = {joint for _, joint in pairs}
         rest = ", ".join(joint for joint in joints if joint not in given)

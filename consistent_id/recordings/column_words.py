@@ -28,8 +28,8 @@ _WORDS = {
         "qpos, jpos, observation state, axis act, feedback joints, winkel",
         "velocity": "dq, qd, qdot, vel, velo, velocity, velocities, speed, speeds, "
         "spd, dtheta, thetadot, thd, dphi, phidot, qvel, jvel, geschwindigkeit",
-        "torque": "tau, trq, tq, torq, torque, torques, moment, moments, eff, effort, "
-        "efforts, jts, qfrc actuator, actuator force, drehmoment",
+        "torque": "tau, trq, tq, tor, torq, torque, torques, moment, moments, eff, "
+        "effort, efforts, jts, qfrc actuator, actuator force, drehmoment",
     }.items()
 }
 _CURRENT = {"current", "currents", "cur", "curr", "amp", "amps", "ampere", "amperes"}
@@ -110,7 +110,9 @@ _NOT_OF_A_SENSOR |= {"joint", "contact"}
 
 
 _JOINT = re.compile(r"\{[^{},]*\}")
-_BRACKETS = re.compile(r"[\[(](?P<unit>[^\[\](){}]+)[\])]$")
+_LAST_UNIT = re.compile(  # in brackets, or a word of its own
+    r"(?P<name>.*[^ _])[ _]*(?:[\[(](?P<unit>[^\[\](){}]+)[\])]|[ _](?P<word>[^\W_]+))"
+)
 _LETTERS = re.compile(r"[a-z]+")
 _OTHER_LETTERS = re.compile(r"[^\W\d_a-zà-ÿµμ]+")  # Japanese, Cyrillic and the like
 _GREEK = str.maketrans({"θ": "theta", "τ": "tau"})
@@ -243,7 +245,7 @@ def says_nothing(pattern: str) -> bool:
 
 
 def says_unit_of(channel: str, pattern: str) -> bool:
-    """Return whether a unit in brackets says the channel of a name without known words.
+    """Return whether the unit that ends it says the channel of a name without words.
 
     Examples
     --------
@@ -254,11 +256,27 @@ def says_unit_of(channel: str, pattern: str) -> bool:
     >>> says_unit_of("torque", "{joint} friction error [Nm]")
     False
     """
-    found = _BRACKETS.search(pattern)
+    rest = before_unit_of(channel, pattern)
+    return rest is not None and (says_nothing(rest) or is_bare(rest))
+
+
+def before_unit_of(channel: str, name: str) -> str | None:
+    """Return a name without the unit of a channel that ends it; None without one.
+
+    Examples
+    --------
+    >>> before_unit_of("torque", "elbow_Nm"), before_unit_of("position", "elbow [deg]")
+    ('elbow', 'elbow')
+    >>> before_unit_of("position", "elbow_Nm"), before_unit_of("position", "arm_m")
+    (None, None)
+    """
+    found = _LAST_UNIT.fullmatch(name)
     if found is None or channel not in CHANNELS:
-        return False
-    rest = pattern[: found.start()]
-    return says_nothing(rest) and is_unit_of(channel, found["unit"])
+        return None
+    unit = found["unit"] or found["word"]
+    if len(unit) < 2 or not is_unit_of(channel, unit):  # m, N, A and the like
+        return None
+    return found["name"]
 
 
 def is_current(pattern: str) -> bool:

@@ -215,3 +215,30 @@ def test_a_unit_says_the_channel_of_a_name_without_a_known_word():
     assert columns.velocity == "{joint} rate [deg/s]"
     assert columns.torque == "{joint} load [Nm]"
     assert columns.units["velocity"] == "deg/s"
+
+
+@pytest.mark.parametrize("mark", ["_{}", " [{}]"])
+def test_units_alone_say_the_channels_of_own_names(mark):
+    """As in base_deg, base_degps, base_Nm."""
+    own = ("base", "roll1", "elbow")
+    units = ("deg", "degps", "Nm")
+    names = ["t", *(f"{j}{mark.format(unit)}" for unit in units for j in own)]
+    assert own_names(names) == own
+    known = KnownColumns(ARM, names=names).renamed(dict(zip(ARM, own, strict=True)))
+    columns = guess_columns(Path("log.csv"), known).columns
+    each = [f"{{joint}}{mark.format(unit)}" for unit in units]
+    assert [columns.position, columns.velocity, columns.torque] == each
+    assert columns.units["velocity"] == "deg/s"
+
+
+def test_names_that_are_parts_of_those_of_one_arm_are_mapped_to_it(tmp_path):
+    """In their order they were mapped to the head and most of the left arm."""
+    joints = ["head", *(f"{side}_{j}" for side in ("left", "right") for j in "abc")]
+    names = ["t", *(f"{j}_{c}" for c in ("position", "effort") for j in "abc")]
+    log = tmp_path / "log.csv"
+    log.write_text(",".join(names) + "\n0,1,2,3,4,5,6\n1,2,3,4,5,6,7\n")
+    with pytest.raises(RecordingError) as caught:
+        guess_columns(log, KnownColumns(tuple(joints)))
+    assert caught.value.options == "--names a=left_a b=left_b c=left_c"
+    assert "(left_a and so on; right_a would fit as well)" in str(caught.value)
+    assert pairs_of(["b", "a"], ["a_1", "b_1"]) == (("b", "b_1"), ("a", "a_1"))
