@@ -8,7 +8,7 @@ because no log contains the torque per ampere.
 """
 
 import shlex
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
@@ -46,7 +46,12 @@ from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.units import KNOWN, SI, Units, listed_names
 from consistent_id.recordings.recording import COMMANDS
-from consistent_id.recordings.unknown_columns import joints_of_wide, unknown_columns
+from consistent_id.recordings.unknown_columns import (
+    UnknownColumns,
+    arrays_of_a_group,
+    joints_of_wide,
+    unknown_columns,
+)
 from consistent_id.recordings.unnamed_columns import (
     array_order,
     clock_column,
@@ -399,7 +404,10 @@ def _not_found(
     others = [run for run in runs if channel_of(run.pattern) == channel]
     own = own_names(names) if channel == "position" else ()
     more = options = ""
-    if len(own) > 1 and len(own) >= max(map(len, others), default=0):
+    in_groups = _by_numbers(log, names, joints, known, arrays_of_a_group)
+    if in_groups is not None:
+        more, options = in_groups
+    elif len(own) > 1 and len(own) >= max(map(len, others), default=0):
         more = mapping_advice(own, joints)
         options = mapping_option(own, joints)
     elif others:
@@ -437,7 +445,7 @@ def _not_found(
             f" Of the columns without a known word, only {unknown} are as many as the "
             f"joints: if they are torques or motor currents: {options}"
         )
-    elif found := _by_numbers(log, names, joints, known):
+    elif found := _by_numbers(log, names, joints, known, unknown_columns):
         more, options = found
     elif not any(joint in name for joint in joints for name in names):
         more = " If the log has other names of joints: --names NAME=JOINT ..."
@@ -451,14 +459,18 @@ def _not_found(
 
 
 def _by_numbers(
-    log: Path, names: Sequence[str], joints: tuple[str, ...], known: KnownColumns
+    log: Path,
+    names: Sequence[str],
+    joints: tuple[str, ...],
+    known: KnownColumns,
+    search: Callable[..., UnknownColumns | None],
 ) -> tuple[str, str] | None:
-    """Return a sentence and options for columns whose names say nothing."""
+    """Return a sentence and options for columns that names alone do not show."""
     if known.names is not None:
         return None
     fewer = range(len(joints) - 1, 1, -1) if known.rows is None else sorted(known.rows)
-    numbers = [len(joints), *(n for n in fewer if 1 < n < len(joints))]
-    found = unknown_columns(log, names, numbers, known.channels)
+    numbers = [len(joints), *(n for n in sorted(fewer)[::-1] if 1 < n < len(joints))]
+    found = search(log, names, numbers, known.channels)
     if found is None:
         return None
     if found.joints == len(joints):

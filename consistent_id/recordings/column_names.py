@@ -237,7 +237,8 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
         elif start and channel_of(start[0]) == channel:  # posBase
             groups[start[0], ""].append(name.removeprefix(start[0]))
     for name in names if not groups else ():
-        if (bare := before_unit_of(channel, name)) is not None:
+        bare = before_unit_of(channel, name)
+        if bare is not None and not channel_of(bare) and not is_current(bare):
             groups["", name.removeprefix(bare)].append(bare)
     found = max(groups.values(), key=len, default=[])
     own = _without_common_start(found) if len(found) > 1 else ()

@@ -6,6 +6,7 @@ which is a position.  The user states what is proposed.
 """
 
 import shlex
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -152,6 +153,41 @@ def _channels(
         f" By their numbers, {velocity} is the rate of change of {position}, and "
         f"{torque} may be the torque{more}: {options}",
     )
+
+
+def arrays_of_a_group(
+    log: Path, names: Sequence[str], numbers: Sequence[int], known: Mapping[str, str]
+) -> UnknownColumns | None:
+    """Return the arrays of the first group that has a position and a torque.
+
+    Of a file with a group for each run, or with numbers in names of arrays.
+    """
+    if has_no_arrays(log, names) or {*CHANNELS} & {*known}:
+        return None
+    groups: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for name in names:
+        group, _, last = name.rpartition("/")
+        if (channel := channel_of(last)) in CHANNELS:
+            groups[group][channel].append(name)
+    both = {g: c for g, c in groups.items() if {"position", "torque"} <= {*c}}
+    for joints in numbers:
+        for channels in both.values():
+            every = [name for each in channels.values() for name in each]
+            read = reader_of(log).read_arrays(log, every)
+            fit = {
+                channel: [n for n in each if np.shape(read[n])[1:] == (joints,)]
+                for channel, each in channels.items()
+            }
+            if not (fit["position"] and fit["torque"]):
+                continue
+            options = " ".join(
+                f"--{channel} {shlex.quote(min(fit[channel], key=len))}"
+                for channel in CHANNELS
+                if fit.get(channel)
+            )
+            more = f" The first of {len(both)} runs of this file" * (len(both) > 1)
+            return UnknownColumns(joints, options, f"{more}: {options}")
+    return None
 
 
 def joints_of_wide(values: Matrix, joints: int) -> tuple[int, int]:

@@ -1,5 +1,6 @@
 """Columns whose names say nothing, and arrays wider than the robot, are proposed."""
 
+import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -103,3 +104,18 @@ def test_an_array_can_be_stated(tmp_path):
     path = tmp_path / "log.npz"
     np.savez(path, time=TIME, one=Q, other=TAU)
     assert_is_read(read_with(path, "--position one --torque other"))
+
+
+def test_the_first_of_several_runs_in_a_file_is_proposed(tmp_path):
+    """As robomimic's data sets; two grippers were proposed as joints."""
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        for demo in ("demo_0", "demo_1", "demo_2"):
+            group = file.create_group(f"data/{demo}/obs")
+            group["robot0_joint_pos"], group["robot0_torques"] = Q, TAU
+            group["robot0_joint_pos_cos"] = np.cos(Q)
+            group["robot0_gripper_qpos"] = np.zeros((len(TIME), 3))
+    options = options_of(path, channels={"time": "100Hz"})
+    first = "data/demo_0/obs/robot0"
+    assert options == f"--position {first}_joint_pos --torque {first}_torques"
+    assert_is_read(read_with(path, f"--time 100Hz {options}"))
