@@ -16,10 +16,12 @@ from consistent_id.diagnosis.clock import clock_findings
 from consistent_id.diagnosis.wrong_units import travel_findings
 from consistent_id.errors import RecordingError
 from consistent_id.problems.statement import Statement
+from consistent_id.recordings.readers.units import COUNTS
 from consistent_id.recordings.recording import Recording, unit_option
 from consistent_id.robot.model import RobotModel
 
 _UNITS = re.compile(r"\((--units [^()]+)\)")  # in the advice of a finding
+_ZEROS = re.compile(r"--position-offset(?: [^\s=]+=[-+.\de]+)+")
 
 
 class NeededUnit(NamedTuple):
@@ -44,10 +46,12 @@ def needed_unit(
     units = stated.units or {}
     found = [] if "time" in units else clock_findings(log)
     if not found and "position" not in units:
-        found = [one for one in travel_findings(robot, log) if one.kind == "degrees"]
+        found = [f for f in travel_findings(robot, log) if f.where == "all joints"]
     for finding in found:
-        if option := _UNITS.search(finding.advice):
-            return NeededUnit(option[1], finding.statement)
+        option, zeros = (p.search(finding.advice) for p in (_UNITS, _ZEROS))
+        if option is not None and COUNTS not in option[1]:
+            both = [option[1], *([zeros[0]] if zeros is not None else [])]
+            return NeededUnit(" ".join(both), finding.statement)
     return None
 
 

@@ -53,7 +53,7 @@ from consistent_id.recordings.readers.named_arrays import require_gain
 from consistent_id.recordings.readers.printed_messages import is_element
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.text_files import encoding_of
-from consistent_id.recordings.readers.units import RATE
+from consistent_id.recordings.readers.units import COUNTS, RATE
 from consistent_id.recordings.readers.used_rows import NoValueError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import unwrapped
@@ -293,7 +293,7 @@ def with_remedies(
         return cause
     said, options, error = [str(cause)], list[str](), cause
     while error.options and len(options) < _MOST_REMEDIES:
-        if error.option_names & set(" ".join(options).split()):
+        if error.option_names & set(" ".join(options).split()) - {"--units"}:
             break
         options.append(error.options)
         try:
@@ -363,6 +363,7 @@ def with_options(
         If that is not enough.
     """
     filled = options.replace(GAINS, "1,0").replace(RATE, "100Hz")
+    filled = filled.replace(COUNTS, "4096")
     more = _stated_with(stated, shlex.split(filled))
     logs, read = read_logs(_found(model, log, more, tables or {}), [log])
     return ReadLog(logs, read[log], more)

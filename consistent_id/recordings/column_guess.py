@@ -26,6 +26,7 @@ from consistent_id.recordings.column_names import (
     numbered_columns,
     own_names,
     shown,
+    with_joint,
 )
 from consistent_id.recordings.column_words import (
     CHANNELS,
@@ -439,10 +440,10 @@ def _not_found(
             f"{known.channels['position_command']}: --gains KP,KD[,LIMIT] ..."
         )
         options = f"--gains {GAINS} --bodies model"
-    elif channel == "torque" and (unknown := _unknown(runs, joints)):
-        options = unknown.option("torque")
+    elif channel == "torque" and (unknown := _unknown(runs, names, joints)):
+        what, options = unknown
         more = (
-            f" Of the columns without a known word, only {unknown} are as many as the "
+            f" Of the columns without a known word, only {what} are as many as the "
             f"joints: if they are torques or motor currents: {options}"
         )
     elif found := _by_numbers(log, names, joints, known, unknown_columns):
@@ -480,11 +481,20 @@ def _by_numbers(
 
 
 def _unknown(
-    runs: Sequence[NumberedColumns], joints: Sequence[str]
-) -> NumberedColumns | None:
-    """Return the only columns, one for each joint, whose names say nothing known."""
+    runs: Sequence[NumberedColumns], names: Sequence[str], joints: Sequence[str]
+) -> tuple[str, str] | None:
+    """Return the only columns, one for each joint, whose names say nothing known.
+
+    And the option that reads them as torque.
+    """
     several = [r for r in runs if len(r) == len(joints) and says_nothing(r.pattern)]
-    return several[0] if len(several) == 1 else None
+    found = {str(run): run.option("torque") for run in several}
+    texts = {with_joint(name, joints) for name in names}
+    for text in texts - {*names}:
+        each = {text.replace("{joint}", joint) for joint in joints}
+        if says_nothing(text) and each <= {*names}:
+            found[text] = f"--torque {shlex.quote(text)}"
+    return next(iter(found.items())) if len(found) == 1 else None
 
 
 def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:

@@ -1,9 +1,12 @@
 """Units that a log's numbers show are proposed with all that the log needs besides."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from logged import write_arm
 
+from consistent_id import draft_problem
 from consistent_id.errors import RecordingError
 from consistent_id.problems.needed_units import joined_options
 from consistent_id.problems.nominal_gains import NominalGains
@@ -66,3 +69,34 @@ def test_gains_of_no_unit_are_not_proposed():
     small = NominalGains(joints, np.full(3, 1e-9), sure, (True,) * 3)
     assert not small.far
     assert NominalGains(joints, np.full(3, 1e-3), sure, (True,) * 3).far
+
+
+def test_counts_of_encoders_are_proposed_with_their_zero(arm, tmp_path):
+    urdf, log = arm
+    counts = np.round(2048.0 + log.position / (2.0 * np.pi) * 4096.0)
+    path = _csv(tmp_path, replace(log, position=counts))
+    assert _options(urdf, path) == (
+        "--names a=shoulder b=elbow --units position=rev/4096 "
+        "--position-offset shoulder=-3.14159 elbow=-3.14159"
+    )
+
+
+def test_counts_in_two_names_are_asked_for_at_once(arm, tmp_path):
+    urdf, log = arm
+    names = ["time", "q1_ticks", "q2_ticks", *(f"dq{k}_counts_per_min" for k in (1, 2))]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([log.time, log.position, log.position, log.torque])
+    header = ",".join([*names, "tau1", "tau2"])
+    np.savetxt(path, table, "%.9g", ",", header=header, comments="")
+    with pytest.raises(RecordingError) as caught:
+        draft_problem(urdf, path, select=False)
+    units = "--units position=rev/COUNTS velocity=rev/COUNTS/min"
+    assert caught.value.options == units
+
+
+def test_the_only_columns_of_own_names_without_a_word_may_be_torques(arm, tmp_path):
+    urdf, log = arm
+    path = _csv(tmp_path, log)
+    path.write_text(path.read_text().replace("torque", "load"))
+    options = _options(urdf, path)
+    assert options == "--names a=shoulder b=elbow --torque '{joint} load'"

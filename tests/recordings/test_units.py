@@ -2,6 +2,7 @@
 
 import math
 import re
+import shlex
 
 import numpy as np
 import pytest
@@ -101,14 +102,19 @@ def test_other_parts_of_a_turn_are_refused(unit):
             Columns(position="q_{joint}", acceleration="ddq_{joint}_ticks"),
             "--units acceleration=rev/COUNTS/s^2",
         ),
+        (
+            Columns(position="q_{joint}", velocity="dq_counts_per_min_{joint}"),
+            "--units velocity=rev/COUNTS/min",
+        ),
     ],
 )
 def test_counts_in_a_name_are_asked_for_the_counts_of_a_turn(tmp_path, names, advice):
     file = tmp_path / "log.csv"
-    header = "time,q_a,q_a_ticks,dq_a [counts/s],ddq_a_ticks"
-    file.write_text(f"{header}\n0,0,0,0,0\n1,1,4096,2,2\n")
-    with pytest.raises(RecordingError, match=re.escape(advice)):
+    header = "time,q_a,q_a_ticks,dq_a [counts/s],ddq_a_ticks,dq_counts_per_min_a"
+    file.write_text(f"{header}\n0,0,0,0,0,0\n1,1,4096,2,2,2\n")
+    with pytest.raises(RecordingError, match=re.escape(advice)) as caught:
         read_recording(file, ["a"], names)
+    assert shlex.split(caught.value.options) == advice.split()
 
 
 def test_a_number_of_time_steps_is_no_count_of_an_encoder(tmp_path):

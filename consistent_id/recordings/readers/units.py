@@ -6,6 +6,7 @@ evenly spaced and the log has no clock, their rate, ``5000Hz``.
 
 import math
 import re
+import shlex
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 
@@ -116,7 +117,7 @@ _NOT_MOTION = (
     f"m(?:deg|rad)|[uµμ]rad|degps|dps|{_COUNTS}"
 )
 _EACH = (
-    r"(?:\s*(?:/|per|_per_|_)\s*s(?:ec)?(?:\^?2|²|\^?3)?"
+    r"(?:\s*(?:/|per|_per_|_)\s*(?:s(?:ec)?(?:\^?2|²|\^?3)?|min(?:ute)?)"
     r"|[ .·*]?s\^?[{(]?[-⁻][12¹²][)}]?)?"
 )
 _UNIT = re.compile(f"(?:{_NOT_TIME}|(?:{_NOT_MOTION}){_EACH})", re.IGNORECASE)
@@ -168,6 +169,7 @@ _FRACTIONS = {
 }
 _LISTED = re.compile(r"\{(?P<items>[^{}]*,[^{}]*)\}")  # a word for each joint
 RATE = "RATEHz"  # in place of a rate that no log holds
+COUNTS = "COUNTS"  # in place of those of a turn
 _SECONDS = ("s", "sec", "secs", "second", "seconds")
 _LAST_HUMP = re.compile(r"(?:(?<![A-Za-z])|(?<=[a-z])(?=[A-Z]))[A-Za-z][a-z]*$")
 _ENDS = tuple(  # of the name of a fraction: a word, or one or two words with capitals
@@ -309,14 +311,16 @@ def refuse_units_of_a_name(where: str, channel: str, pattern: str) -> None:
     if said := unit_of_a_name(channel, pattern):
         unit, why = said, ""
         if _is_count(said):
-            unit = f"rev/COUNTS{_per(channel)}"
+            minutes = re.search(r"min(?:ute)?$", said) is not None
+            unit = f"rev/{COUNTS}{'/min' if minutes else _per(channel)}"
             why = ", with the counts of a turn of the joint"
         raise RecordingError(
             f"{where}: column {pattern!r} contains {said!r}; values are read in s, "
             f"rad and m, not converted, unless a unit is stated{why}: "
             f"--units {channel}={unit}; in a problem file "
             f'units = {{ {channel} = "{unit}" }} in [data]; in Python '
-            f"Columns(units={{{channel!r}: {unit!r}}})"
+            f"Columns(units={{{channel!r}: {unit!r}}})",
+            options=f"--units {shlex.quote(f'{channel}={unit}')}",
         )
 
 
