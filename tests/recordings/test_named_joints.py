@@ -254,3 +254,30 @@ def test_an_object_for_each_joint_is_one_of_their_columns(tmp_path):
     log = read_recording(file, ("shoulder", "elbow"), columns)
     np.testing.assert_array_equal(log.position[:, 1], -np.arange(9))
     np.testing.assert_array_equal(log.torque[:, 1], np.full(9, 2))
+
+
+@pytest.mark.parametrize("labels", [("position", "torque"), ("", "")])
+def test_arrays_of_structures_are_read_by_their_labels_or_numbers(tmp_path, labels):
+    """As Simulink writes the signals of a scope."""
+    signals = np.zeros(2, dtype=[("values", object), ("label", object)])
+    for k, values in enumerate((POSITION, TORQUE)):
+        signals[k] = values, labels[k]
+    file = tmp_path / "log.mat"
+    savemat(file, {"scope": {"time": TIME[:, None], "signals": signals}})
+    if labels[0]:
+        assert_is_read(file)
+    else:
+        names = [f"scope.signals({k}).values" for k in (1, 2)]
+        assert set(names) <= set(column_names(file))
+        columns = Columns("scope.time", names[0], torque=names[1], array_joints=JOINTS)
+        log = read_recording(file, JOINTS, columns)
+        np.testing.assert_allclose(log.torque, TORQUE)
+
+
+def test_arrays_of_three_dimensions_of_which_one_is_one_are_read(tmp_path):
+    """Simulink logs vectors as 2 x 1 x samples."""
+    file = tmp_path / "log.mat"
+    arrays = {"q": POSITION, "tau": TORQUE}
+    tall = {name: values.T[:, None, :] for name, values in arrays.items()}
+    savemat(file, {"time": TIME, **tall})
+    assert_is_read(file)

@@ -304,6 +304,9 @@ def read_parts(
     """
     given = (rows.omit, rows.missing) if log_format(path).is_text else ()
     arrays = dict(reader.read_arrays(path, stored_names(names), *given))
+    for name, values in arrays.items():
+        if values.ndim > 2:  # such as 6 x 1 x samples, of Simulink
+            arrays[name] = values.squeeze()
     for name in {stored_name(part) for part in names if _PART.fullmatch(part)}:
         if (whole := arrays[name]).ndim == 2 and whole.shape[1] > _LYING * len(whole):
             arrays[name] = whole.T  # samples in columns, as Drake's logs have them
