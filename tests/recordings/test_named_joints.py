@@ -12,7 +12,12 @@ from scipy.io import savemat
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.log_formats import log_format
-from consistent_id.recordings.readers import Columns, parquet, read_recording
+from consistent_id.recordings.readers import (
+    Columns,
+    feather,
+    parquet,
+    read_recording,
+)
 from consistent_id.recordings.readers.recording_file import column_names
 
 JOINTS = ("shoulder", "elbow")
@@ -254,6 +259,30 @@ def test_an_object_for_each_joint_is_one_of_their_columns(tmp_path):
     log = read_recording(file, ("shoulder", "elbow"), columns)
     np.testing.assert_array_equal(log.position[:, 1], -np.arange(9))
     np.testing.assert_array_equal(log.torque[:, 1], np.full(9, 2))
+
+
+def test_a_long_table_of_feather_is_put_side_by_side_once(tmp_path, monkeypatch):
+    file = tmp_path / "log.feather"
+    table = {
+        "time": np.repeat(TIME, 2),
+        "joint": OTHER * len(TIME),
+        "position": POSITION[:, ::-1].ravel(),
+        "effort": TORQUE[:, ::-1].ravel(),
+    }
+    times, side_by_side = [], feather.side_by_side
+
+    def counted(columns):
+        times.append(len(columns))
+        return side_by_side(columns)
+
+    monkeypatch.setattr(feather, "side_by_side", counted)
+    write_feather(pa.table(table), file)
+    assert_is_read(file)
+    assert len(log_format(file).notes(file)) == 1
+    assert len(times) == 1
+    table["joint"] = ["hand", "wrist"] * len(TIME)
+    write_feather(pa.table(table), file)
+    assert "hand.position" in column_names(file)
 
 
 @pytest.mark.parametrize("labels", [("position", "torque"), ("", "")])
