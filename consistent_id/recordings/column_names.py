@@ -237,15 +237,15 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
         elif start and channel_of(start[0]) == channel:  # posBase
             groups[start[0], ""].append(name.removeprefix(start[0]))
     for name in names if not groups else ():
-        bare = before_unit_of(channel, name)
-        if bare is not None and not channel_of(bare) and not is_current(bare):
-            groups["", name.removeprefix(bare)].append(bare)
+        own = before_unit_of(channel, name)
+        if own is not None and not channel_of(own) and not is_current(own):
+            groups["", name.removeprefix(own)].append(own)
     found = max(groups.values(), key=len, default=[])
-    own = _without_common_start(found) if len(found) > 1 else ()
-    if channel == "position" and not own:
-        others = list(_own_names(names, "torque"))
-        return tuple(others) if set(others) <= set(names) else ()
-    return () if any(_letters(name).isdigit() for name in own) else own
+    differing = _without_common_start(found) if len(found) > 1 else ()
+    if channel == "position" and not differing:
+        others_own = list(_own_names(names, "torque"))
+        return tuple(others_own) if set(others_own) <= set(names) else ()
+    return () if any(_letters(name).isdigit() for name in differing) else differing
 
 
 def _humps(name: str) -> list[str]:

@@ -310,3 +310,23 @@ def test_arrays_of_three_dimensions_of_which_one_is_one_are_read(tmp_path):
     tall = {name: values.T[:, None, :] for name, values in arrays.items()}
     savemat(file, {"time": TIME, **tall})
     assert_is_read(file)
+
+
+@pytest.mark.parametrize("place", ["position_{}", "position{}", "position[{}]"])
+def test_numbered_columns_beside_a_list_of_names_are_of_these(tmp_path, place):
+    """As bagpy writes joint states; they were taken in the robot's order."""
+    numbers = [place.format(k) for k in (0, 1)]
+    numbers += [n.replace("position", "effort") for n in numbers]
+    lines = [",".join(["Time", "name", *numbers])]
+    for k, time in enumerate(TIME):
+        values = [*POSITION[k, ::-1], *TORQUE[k, ::-1]]
+        lines.append(
+            ",".join([f"{time}", f'"{OTHER}"', *map(repr, map(float, values))])
+        )
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(lines))
+    assert_is_read(file)
+    lines[9] = lines[9].replace("elbow", "wrist")
+    file.write_text("\n".join(lines))
+    with pytest.raises(RecordingError, match="not all rows are of the joints"):
+        read(file)

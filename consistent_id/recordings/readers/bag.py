@@ -389,8 +389,8 @@ def _topic(path: Path, bag: Any, topic: str | None, joints: Sequence[str]) -> st
         return topic
     if of_controllers:  # only for joints that no joint state names
         every = _named(path, bag, [*states, *of_controllers], joints)
-        most = [len(set(joints) & set(one.joints)) for one in every]
-        if max(most[len(states) :]) > max(most[: len(states)], default=0):
+        shared = [len(set(joints) & set(one.joints)) for one in every]
+        if max(shared[len(states) :]) > max(shared[: len(states)], default=0):
             states = of_controllers
     if not states:
         seen = ", ".join(f"{name} ({kind})" for name, kind in kinds.items())

@@ -371,7 +371,8 @@ def _values(
     used: UsedRows,
 ) -> Matrix:
     """Return the named columns of the rows below a header, shape (rows, names)."""
-    if header.repeated and body.count(header.repeated) < len(body.split("\n")) - 1:
+    lines = body.rstrip().count("\n") + 1
+    if header.repeated and body.count(header.repeated) < lines:
         raise RecordingError(
             f"{path}: not all rows are of the joints {header.repeated}, which the "
             "first row names: write the messages of one topic"
@@ -379,8 +380,8 @@ def _values(
     at = {name: k for k, name in reversed(list(enumerate(header.names)))}
     places = [at[name] for name in names]
     if header.separator == SPACE:
-        lines = body.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-        body = "\n".join(" ".join(line.split()) for line in lines)
+        rows = body.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        body = "\n".join(" ".join(line.split()) for line in rows)
     values = _fast(body, header, places, used.missing)
     if values is None:
         return _exact(path, body, header, places, used)
