@@ -50,6 +50,7 @@ from consistent_id.recordings.recording import COMMANDS
 from consistent_id.recordings.unknown_columns import (
     UnknownColumns,
     arrays_of_a_group,
+    joints_of_runs,
     joints_of_wide,
     unknown_columns,
 )
@@ -411,6 +412,8 @@ def _not_found(
     elif len(own) > 1 and len(own) >= max(map(len, others), default=0):
         more = mapping_advice(own, joints)
         options = mapping_option(own, joints)
+    elif others and len(others[0]) > len(joints) and known.names is None:
+        more, options = _of_more_columns(log, runs, others[0], joints, known)
     elif others:
         options = _locked(len(others[0]), joints, known.rows)
         more = _of_another_number(
@@ -457,6 +460,30 @@ def _not_found(
         f"{{number}} for the joint's place from 1, {{index}} from 0.{more}",
         options=options,
     )
+
+
+def _of_more_columns(
+    log: Path,
+    runs: Sequence[NumberedColumns],
+    position: NumberedColumns,
+    joints: tuple[str, ...],
+    known: KnownColumns,
+) -> tuple[str, str]:
+    """Return a sentence and options for numbered columns of more than the joints."""
+    likely = {"position": position} | {
+        channel: run
+        for channel in ("velocity", "torque")
+        for run in runs[::-1]
+        if channel_of(run.pattern) == channel and len(run) == len(position)
+    }
+    more = _of_another_number(f"{position} are", len(position), joints, known.rows)
+    try:
+        options, number = joints_of_runs(log, likely, len(joints))
+    except RecordingError:  # such as empty cells
+        return more, ""
+    if number < len(joints):
+        options = f"{_locked(number, joints, known.rows)} {options}".strip()
+    return f"{more} If the joints are those of a part of them: {options}", options
 
 
 def _by_numbers(

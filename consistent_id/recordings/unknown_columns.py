@@ -208,3 +208,26 @@ def joints_of_wide(values: Matrix, joints: int) -> tuple[int, int]:
     if 0 < len(moving) <= joints and len(moving) == np.ptp(moving) + 1:
         return int(moving[0]), int(moving[-1]) + 1
     return 0, joints
+
+
+def joints_of_runs(
+    log: Path, runs: Mapping[str, NumberedColumns], joints: int
+) -> tuple[str, int]:
+    """Return options for the columns of runs that are joints, and their number.
+
+    Parameters
+    ----------
+    runs : mapping of str to NumberedColumns
+        By channel, the position first; all of more columns than the joints.
+    """
+    position = runs["position"]
+    each = [position.name(place) for place in range(len(position))]
+    read = reader_of(log).read_arrays(log, each)
+    first, end = joints_of_wide(np.column_stack([read[n] for n in each]), joints)
+    options = []
+    for channel, run in runs.items():
+        if len(run) == len(position):
+            numbers = f"{{{run.number(first)}..{run.number(end - 1)}}}"
+            pattern = shlex.quote(f"{run.before}{numbers}{run.after}")
+            options.append(f"--{channel} {pattern}")
+    return " ".join(options), end - first

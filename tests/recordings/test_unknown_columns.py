@@ -119,3 +119,20 @@ def test_the_first_of_several_runs_in_a_file_is_proposed(tmp_path):
     first = "data/demo_0/obs/robot0"
     assert options == f"--position {first}_joint_pos --torque {first}_torques"
     assert_is_read(read_with(path, f"--time 100Hz {options}"))
+
+
+@pytest.mark.parametrize(("first", "rail"), [(0, False), (1, False), (0, True)])
+def test_a_numbered_column_too_many_is_not_left_out_in_silence(tmp_path, first, rail):
+    """Of q0, q1 and a gripper's q2, the last two were read as the two joints."""
+    rest = np.zeros((len(TIME), 1))
+    parts = [np.hstack([rest, v] if rail else [v, rest]) for v in (Q, DQ, TAU)]
+    header = ["t"]
+    header += [f"{w}{first + k}" for w in ("q", "dq", "tau") for k in range(3)]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([TIME, *parts])
+    np.savetxt(path, table, "%.17g", ",", header=",".join(header), comments="")
+    options = options_of(path)
+    ends = f"{{{first + rail}..{first + rail + 1}}}"
+    channels = (("position", "q"), ("velocity", "dq"), ("torque", "tau"))
+    assert options == " ".join(f"--{c} '{word}{ends}'" for c, word in channels)
+    assert_is_read(read_with(path, options))
