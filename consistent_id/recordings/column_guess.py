@@ -551,8 +551,7 @@ def _require_width(
     options = _locked(number, joints, known.rows)
     more = _of_another_number("These are", number, joints, known.rows)
     if number > len(joints):
-        upright = array if array.shape[1] == number else array.T
-        options = _part_of_wide(log, upright, names, tuple(joints), known)
+        options = _part_of_wide(log, len(array), names, tuple(joints), known)
         more = f"{more} If the joints are those of a part of them: {options}"
     raise RecordingError(
         f"{log}: array {name!r} has shape {array.shape}.{more}", options=options
@@ -561,22 +560,26 @@ def _require_width(
 
 def _part_of_wide(
     log: Path,
-    position: np.ndarray,
+    samples: int,
     names: Sequence[str],
     joints: tuple[str, ...],
     known: KnownColumns,
 ) -> str:
     """Return the options that name the robot's joints in arrays of more columns."""
-    first, end = joints_of_wide(position, len(joints))
-    lock = _locked(end - first, joints, known.rows) if end - first < len(joints) else ""
-    said = [lock] if lock else []
+    wide: dict[str, tuple[str, np.ndarray]] = {}
     for channel in ("position", "velocity", known.effort):
         arrays = [p.text for p in _candidates(channel, names, joints, known)]
         read = reader_of(log).read_arrays(log, arrays) if arrays else {}
-        wide = [n for n in arrays if np.shape(read[n])[-1:] == position.shape[1:]]
-        if wide:
-            flag = channel.replace("_", "-")
-            said.append(f"--{flag} {shlex.quote(f'{wide[0]}[{first}:{end}]')}")
+        for name in arrays[::-1]:
+            if np.ndim(read[name]) == 2 and samples in np.shape(read[name]):
+                upright = read[name] if len(read[name]) == samples else read[name].T
+                wide[channel] = name, np.asarray(upright)
+    parts = joints_of_wide({c: v for c, (_, v) in wide.items()}, len(joints))
+    number = min(end - first for first, end in parts.values())
+    said = [_locked(number, joints, known.rows)] * (number < len(joints))
+    for channel, (first, end) in parts.items():
+        part = shlex.quote(f"{wide[channel][0]}[{first}:{end}]")
+        said.append(f"--{channel.replace('_', '-')} {part}")
     return " ".join(said)
 
 

@@ -190,24 +190,32 @@ def arrays_of_a_group(
     return None
 
 
-def joints_of_wide(values: Matrix, joints: int) -> tuple[int, int]:
-    """Return the first column and the end of an array's columns that are joints.
+def joints_of_wide(
+    arrays: Mapping[str, Matrix], joints: int
+) -> dict[str, tuple[int, int]]:
+    """Return the first column and the end of each array's columns that are joints.
 
-    Those that move, if they are neighbours and no more than the joints; else the first.
+    Those that move, if they are neighbours and no more than the joints, in the torque
+    before the motion, and as many from the end in all; else the first.
 
     Parameters
     ----------
-    values : ndarray, shape (samples, width)
+    arrays : mapping of str to ndarray, shape (samples, width)
+        By channel; widths may differ, as of MuJoCo's qpos and qvel.
 
     Examples
     --------
-    >>> joints_of_wide(np.array([[0.0, 1.0, 2.0, 0.0], [0.0, 2.0, 1.0, 0.0]]), 3)
-    (1, 3)
+    >>> rows = np.array([[0.0, 1.0, 2.0, 0.0], [0.0, 2.0, 1.0, 0.0]])
+    >>> joints_of_wide({"position": rows, "velocity": rows[:, 1:]}, 3)
+    {'position': (1, 3), 'velocity': (0, 2)}
     """
-    moving = np.flatnonzero(np.ptp(values, axis=0))
-    if 0 < len(moving) <= joints and len(moving) == np.ptp(moving) + 1:
-        return int(moving[0]), int(moving[-1]) + 1
-    return 0, joints
+    for _, values in sorted(arrays.items(), reverse=True):  # the torque goes first
+        moving = np.flatnonzero(np.ptp(values, axis=0))
+        if 0 < len(moving) <= joints and len(moving) == np.ptp(moving) + 1:
+            behind = values.shape[1] - int(moving[-1]) - 1
+            ends = {c: v.shape[1] - behind for c, v in arrays.items()}
+            return {c: (end - len(moving), end) for c, end in ends.items()}
+    return dict.fromkeys(arrays, (0, joints))
 
 
 def joints_of_runs(
@@ -223,7 +231,8 @@ def joints_of_runs(
     position = runs["position"]
     each = [position.name(place) for place in range(len(position))]
     read = reader_of(log).read_arrays(log, each)
-    first, end = joints_of_wide(np.column_stack([read[n] for n in each]), joints)
+    table = np.column_stack([read[name] for name in each])
+    first, end = joints_of_wide({"position": table}, joints)["position"]
     options = []
     for channel, run in runs.items():
         if len(run) == len(position):

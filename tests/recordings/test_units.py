@@ -47,6 +47,8 @@ FACTORS = {
     ("velocity", "deg·s⁻¹"): math.pi / 180,
     ("velocity", "rad.s-1"): 1.0,
     ("velocity", "deg_s"): math.pi / 180,
+    ("velocity", "mdegps"): math.pi / 180e3,
+    ("velocity", "mradps"): 1e-3,
     ("position", "mdeg"): math.pi / 180e3,
     ("position", "µrad"): 1e-6,
     ("acceleration", "deg.s^-2"): math.pi / 180,
@@ -280,6 +282,12 @@ def test_minutes_and_hours_are_units_of_clocks_alone(name, unit, is_clock):
     channel = "time" if is_clock else "position"
     assert unit_of_a_name(channel, name) == unit
     assert is_time(name) == is_clock
+
+
+@pytest.mark.parametrize("unit", ["mdegps", "mdps", "mradps"])
+def test_small_units_of_velocity_are_those_of_a_name(unit):
+    """They were taken as rad/s."""
+    assert unit_of_a_name("velocity", f"dq{{number}}_{unit}") in ("mdeg/s", "mrad/s")
 
 
 def test_a_clock_in_two_columns_may_be_named_with_capitals():

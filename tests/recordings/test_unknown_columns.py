@@ -96,8 +96,21 @@ def test_arrays_wider_than_the_robot_are_answered_with_the_part_that_moves(tmp_p
     parts = "--position 'qpos[0:2]' --velocity 'qvel[0:2]' --torque 'tau[0:2]'"
     assert options == parts
     assert_is_read(read_with(path, options))
-    assert joints_of_wide(np.hstack([rest, Q, rest]), 3) == (1, 3)
-    assert joints_of_wide(np.hstack([Q, Q]), 2) == (0, 2)
+    wide = {"position": np.hstack([rest, Q, rest])}
+    assert joints_of_wide(wide, 3) == {"position": (1, 3)}
+    assert joints_of_wide({"torque": np.hstack([Q, Q])}, 2) == {"torque": (0, 2)}
+
+
+def test_a_free_body_before_the_arm_is_left_out_of_each_array(tmp_path):
+    """MuJoCo's qpos has a column more for it than its qvel; no drive moves it."""
+    path = tmp_path / "log.npz"
+    moves, rest = np.outer(np.sin(TIME), np.ones(7)), np.zeros((len(TIME), 6))
+    arrays = {"qpos": np.hstack([moves, Q]), "qvel": np.hstack([moves[:, :6], DQ])}
+    np.savez(path, time=TIME, **arrays, qfrc_actuator=np.hstack([rest, TAU]))
+    options = options_of(path)
+    parts = "--position 'qpos[7:9]' --velocity 'qvel[6:8]'"
+    assert options == f"{parts} --torque 'qfrc_actuator[6:8]'"
+    assert_is_read(read_with(path, options))
 
 
 def test_an_array_can_be_stated(tmp_path):

@@ -71,6 +71,8 @@ _SPELT = {
         "urad": "µrad μrad",
         "deg/s": "dps degps",
         "rad/s": "radps",
+        "mdeg/s": "mdegps mdps",
+        "mrad/s": "mradps",
         "mm/s": "mmps",
         "mm": "millimeter millimeters millimetre millimetres",
         "s": "sec secs second seconds",
@@ -114,7 +116,7 @@ _LAST_TIME = re.compile(
 _COUNTS = r"counts?|ticks?|pulses?|incs?|increments?|steps"  # of an encoder
 _NOT_MOTION = (
     "°|degs?|degrees?|rpm|revs?|revolutions?|turns?|mm|cm|millimet(?:er|re)s?|"
-    f"m(?:deg|rad)|[uµμ]rad|degps|dps|{_COUNTS}"
+    f"m(?:deg|rad)|[uµμ]rad|m?degps|m?dps|mradps|{_COUNTS}"
 )
 _EACH = (
     r"(?:\s*(?:/|per|_per_|_)\s*(?:s(?:ec)?(?:\^?2|²|\^?3)?|min(?:ute)?)"
