@@ -13,6 +13,7 @@ _LOCAL = re.compile(
     r"(?: ?(?P<half>[APap])[Mm])?"
 )
 _SLASHED = re.compile(r"(?<![\d/])(\d\d?)/(\d\d?)/(\d{4})(?=[T ])")
+_FLAGS = {"true": 1.0, "false": 0.0}
 _MONTHS = 12
 _SECONDS_OF = {"sec": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "hr": 3600.0}
 _DURATION = re.compile(
@@ -106,7 +107,7 @@ def number(cell: str, mark: str | None, day_first: bool = False) -> float | None
             return _seconds_of_date(cell)
         if _LOCAL.match(cell):
             return _seconds_of_local(cell, day_first)
-        return _duration(cell)
+        return _FLAGS.get(cell.lower(), _duration(cell))
 
 
 def _is_date(cell: str) -> bool:
