@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _RECORD, _MODEL = "servo.json", "servo.xml"
 _UNITS = ("rad", "deg", "ticks")
+_TIMES = ("s", "ms", "us", "ns")
 _ROLES = ("time", "position", "goal", "duty", "volts", "temperature", "enabled")
 _MORE = """ROBOT is a URDF or MJCF file with the inertias of all links: they give the
 scale of the torque, which a servo does not measure. Logs have the time, positions and
@@ -26,7 +27,7 @@ the error of simulated positions on the logs of --validate. --output gets servo.
 and servo.xml with MuJoCo's actuators."""
 _EXAMPLES = """
 consistent-id servo pendulum.urdf kp100.parquet kp800.parquet --validate kp200.parquet
-consistent-id servo arm.urdf log.csv --angles ticks --output results/servos
+consistent-id servo arm.urdf log.csv --angles ticks --zero 2048 --output results/servos
 consistent-id servo arm.urdf log.csv --columns goal=cmd_{joint} duty=pwm_{joint}
 """
 
@@ -64,6 +65,18 @@ def add_servo(command: argparse.ArgumentParser) -> None:
             "unit of positions and goals; ticks are those of 12 bits a turn",
             default="rad",
             choices=_UNITS,
+        ),
+        Option(
+            "--times UNIT",
+            "unit of the time (default: that in the column's name, else s)",
+            choices=_TIMES,
+        ),
+        Option(
+            "--zero NUMBER ...",
+            "position in the log, in its unit, at the robot's zero: one number, or one "
+            "for each joint (default: 0; ticks that are all positive need it, usually "
+            "2048)",
+            float,
         ),
         Option(
             "--full-duty NUMBER",
@@ -117,6 +130,8 @@ def _answer(options: argparse.Namespace) -> Answer:
         robot.joint_names,
         columns=columns,
         units=options.angles,
+        zero=options.zero or None,
+        times=options.times,
         full_duty=options.full_duty,
     )
     forms = tuple(FORMS) if options.friction is None else (options.friction,)

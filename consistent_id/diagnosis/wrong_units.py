@@ -16,6 +16,8 @@ _TRAVEL = 2.0  # times the range of a joint's limits: more than careless limits 
 _ONE_TRAVEL = 5.0  # the same for a single joint, whose limits may be a guess
 _DEGREES = 180.0 / np.pi
 
+_BITS = range(9, 25)  # of encoders that count a turn from zero
+
 _USUAL = 0.95  # quantile of the absolute torque, which a few outliers do not move
 _TORQUE = 10.0  # times the effort limit: more than careless limits err
 # Times the share of any other joint.  Limits may be equal placeholders for joints that
@@ -47,7 +49,7 @@ def travel_findings(robot: RobotModel, log: Recording) -> list[LogFinding]:
     if beyond.sum() > most and share.max() <= _DEGREES:
         return [_travel_in_degrees(share, beyond)]
     if beyond.sum() > most and np.median(share) > _DEGREES:
-        return [_travel_in_counts(share[beyond])]
+        return [_travel_in_counts(share[beyond], log)]
     if (alone := share > _ONE_TRAVEL).sum() > most:
         return []
     names = np.array(robot.joint_names)[limited]
@@ -67,17 +69,34 @@ def _travel_in_degrees(share: Vector, beyond: BoolArray) -> LogFinding:
     )
 
 
-def _travel_in_counts(share: Vector) -> LogFinding:
+def _travel_in_counts(share: Vector, log: Recording) -> LogFinding:
+    units, zeros = "--units position=rev/COUNTS", "--position-offset JOINT=VALUE"
+    where = f"where the log's zero is, in rad ({zeros})"
+    if counts := _counts_of_a_turn(log):
+        units = f"--units position=rev/{counts}"
+        zeros = " ".join(f"{joint}={-np.pi:.6g}" for joint in log.joints)
+        where = (
+            "where the log's zero is: in the middle of their range, if "
+            f"--position-offset {zeros}"
+        )
     return LogFinding(
         "encoder scale",
         "fault",
         "all joints",
         f"joints travel {share.min():.3g} to {share.max():.3g} times the range of "
         "their limits, more than degrees explain: positions are counts of encoders",
-        "state the counts of a turn of the joint (--units position=rev/COUNTS), and "
-        "where the log's zero is, in rad (--position-offset JOINT=VALUE)",
+        f"state the counts of a turn of the joint ({units}), and {where}",
         float(np.median(share)) / _TRAVEL,
     )
+
+
+def _counts_of_a_turn(log: Recording) -> int:
+    """Return the power of two that whole positions from zero on stay below; else 0."""
+    position = log.position
+    if (position != np.round(position)).any() or position.min() < 0.0:
+        return 0
+    bits = int(np.ceil(np.log2(position.max() + 1.0)))
+    return 2**bits if bits in _BITS else 0
 
 
 def _travel_of_one(joint: str, share: float) -> LogFinding:

@@ -57,6 +57,7 @@ _KEPT = 5.0  # samples kept per period of the cut-off
 _CREEP = 0.05  # rad/s, width of the sign change of friction
 _GAP = 5.0  # sampling periods
 _FAR, _ENOUGH = 2.0, 3  # gains this far from 1, on this many joints, are proposed
+_LEAST = 1e-6  # N m per unit: less is in no unit of torque or current
 _SURE = 0.2
 """Relative standard error above which a gain is poorly known; usual errors of nominal
 bodies alone make 5 to 10 %."""
@@ -94,8 +95,13 @@ class NominalGains:
 
     @property
     def far(self) -> bool:
-        """Whether the known gains, of three joints at least, are all far from 1."""
+        """Whether the known gains, of three joints at least, are all far from 1.
+
+        Of units that no drive has, a wrong clock or position is the cause.
+        """
         known = self.values[list(self.known)]
+        if abs(known).min() < _LEAST:
+            return False
         beyond = ((known > _FAR).all(), (known < 1.0 / _FAR).all())
         return len(known) >= _ENOUGH and any(beyond)
 

@@ -17,6 +17,11 @@ from consistent_id.problems.floating.floating_draft import (
     floating_columns,
 )
 from consistent_id.problems.log_entries import motion_of_joints
+from consistent_id.problems.needed_units import (
+    joined_options,
+    needed_unit,
+    require_seconds,
+)
 from consistent_id.problems.nominal_gains import (
     LogRowsOfJoints,
     NominalGains,
@@ -45,8 +50,10 @@ from consistent_id.recordings.readers import Columns, read_recording, recording_
 from consistent_id.recordings.readers.columns import wanted
 from consistent_id.recordings.readers.data_frames import ColumnTable, table_names
 from consistent_id.recordings.readers.named_arrays import require_gain
+from consistent_id.recordings.readers.printed_messages import is_element
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
-from consistent_id.recordings.readers.units import RATE
+from consistent_id.recordings.readers.text_files import encoding_of
+from consistent_id.recordings.readers.units import COUNTS, RATE
 from consistent_id.recordings.readers.used_rows import NoValueError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import unwrapped
@@ -65,6 +72,7 @@ _MOST_REMEDIES = 4
 _MOST_LOST = 0.2  # share of a log's rows that lack the velocity, and are left out
 _WHOLE = 0.8  # of a turn: a jump by a whole one
 _STEADY = 1.0  # rad, between samples that do not jump
+_HEAD = 1_000  # characters of a file that show what it is
 _CHANNELS = ("time", "position", "velocity", "torque", "position_command")
 
 
@@ -112,6 +120,7 @@ class RobotLogs:
             raw = recording_from(table, joints, self.columns, name=log.name, **how)
         else:
             raw = read_recording(log, joints, self.columns, topic=stated.topic, **how)
+        require_seconds(raw)
         return motion_of_joints(
             raw,
             wraps=stated.wraps,
@@ -208,7 +217,8 @@ def robot_logs(
     try:
         return _found(model, log, stated, tables)
     except (ModelError, RecordingError) as cause:
-        if cause.option_names <= {declarations()[n].option for n in stated.given}:
+        known = {declarations()[n].option for n in stated.given}
+        if cause.option_names <= known and not cause.replaces:
             raise  # the error proposes nothing, or only stated options
         raise with_remedies(cause, model, log, stated, tables) from None
 
@@ -279,22 +289,17 @@ def with_remedies(
     tables: Mapping[Path, ColumnTable],
 ) -> ModelError | RecordingError:
     """Return an error that proposes all needed options, not only the first."""
+    if cause.replaces:  # what it proposes are no options
+        return cause
     said, options, error = [str(cause)], list[str](), cause
     while error.options and len(options) < _MOST_REMEDIES:
-        if error.option_names & set(" ".join(options).split()):
+        if error.option_names & set(" ".join(options).split()) - {"--units"}:
             break
         options.append(error.options)
         try:
-            given = " ".join(options)
-            logs, read, more = with_options(model, log, stated, given, tables)
-            if more.wraps is None and _wraps(read):
-                said.append("Then positions jump by whole turns")
-                options.append("--wraps undo")
-                read = unwrapped(read)
-            gains = nominal_gains(logs.robot, read)
-            if gains is not None and gains.far and not len(more.torque_gain):
-                said.append(f"Then {gains.sentence[0].lower()}{gains.sentence[1:]}")
-                options.append(gains.option)
+            said_more, more_options = _further(model, log, stated, options, tables)
+            said += said_more
+            options += more_options
             break
         except (ModelError, RecordingError) as following:
             said.append(f"Then {following}")
@@ -302,7 +307,37 @@ def with_remedies(
         except ProblemError:  # such as a value that only the user knows
             break
     kind = ModelError if isinstance(cause, ModelError) else RecordingError
-    return kind("\n".join(said), options=" ".join(options), replaces=cause.replaces)
+    joined = joined_options(options)
+    return kind("\n".join(said), options=joined, replaces=cause.replaces)
+
+
+def _further(
+    model: Path,
+    log: Path,
+    stated: Statement,
+    options: Sequence[str],
+    tables: Mapping[Path, ColumnTable],
+) -> tuple[list[str], list[str]]:
+    """Return what a log that can be read with options needs besides: why, and options.
+
+    Units that its numbers show, whole turns, and gains that the bodies imply.
+    """
+    said, further = list[str](), list[str]()
+    logs, read, more = with_options(model, log, stated, joined_options(options), tables)
+    while (unit := needed_unit(logs.robot, read, more)) is not None:
+        said.append(f"Then {unit.sentence}: {unit.option}")
+        further.append(unit.option)
+        given = joined_options([*options, *further])
+        logs, read, more = with_options(model, log, stated, given, tables)
+    if more.wraps is None and _wraps(read):
+        said.append("Then positions jump by whole turns")
+        further.append("--wraps undo")
+        read = unwrapped(read)
+    gains = nominal_gains(logs.robot, read)
+    if gains is not None and gains.far and not len(more.torque_gain):
+        said.append(f"Then {gains.sentence[0].lower()}{gains.sentence[1:]}")
+        further.append(gains.option)
+    return said, further
 
 
 class ReadLog(NamedTuple):
@@ -328,6 +363,7 @@ def with_options(
         If that is not enough.
     """
     filled = options.replace(GAINS, "1,0").replace(RATE, "100Hz")
+    filled = filled.replace(COUNTS, "4096")
     more = _stated_with(stated, shlex.split(filled))
     logs, read = read_logs(_found(model, log, more, tables or {}), [log])
     return ReadLog(logs, read[log], more)
@@ -570,6 +606,7 @@ def gains_of(given: Sequence[float], joints: int) -> list[float] | float:
 def _require_order(model: Path, log: Path) -> None:
     """Refuse a log in the place of the robot, and the robot in that of a log."""
     suffixes = {suffix for known in LOG_FORMATS for suffix in known.suffixes}
+    suffixes -= {*_ROBOTS}  # XML is a robot, unless its content says otherwise
     first, second = model.suffix.lower(), log.suffix.lower()
     if model.is_dir() and not log.exists():
         raise ProblemError(f"{log}: no such file or folder")
@@ -591,8 +628,17 @@ def _require_order(model: Path, log: Path) -> None:
             f"{model} is a problem file, which names its own recordings: leave {log} "
             "out, or put the robot's URDF or MJCF file in its place"
         )
-    if second in _ROBOTS:
+    if second in _ROBOTS and not _has_elements(log):
         raise ProblemError(f"{log} is a robot, expected a log after {model}")
+
+
+def _has_elements(log: Path) -> bool:
+    """Return whether an XML file is no robot, but a log of elements."""
+    try:
+        with log.open(encoding=encoding_of(log)) as file:
+            return is_element(file.read(_HEAD))
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 _ARRAYS = ("NPZ", "Parquet", "Feather")  # formats whose columns may be arrays

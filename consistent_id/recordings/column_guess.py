@@ -8,7 +8,7 @@ because no log contains the torque per ampere.
 """
 
 import shlex
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
@@ -16,6 +16,7 @@ from typing import Any, cast
 import numpy as np
 
 from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.recordings.channel_clocks import require_one_clock
 from consistent_id.recordings.column_names import (
     NamePattern,
     NumberedColumns,
@@ -25,6 +26,7 @@ from consistent_id.recordings.column_names import (
     numbered_columns,
     own_names,
     shown,
+    with_joint,
 )
 from consistent_id.recordings.column_words import (
     CHANNELS,
@@ -45,6 +47,13 @@ from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.units import KNOWN, SI, Units, listed_names
 from consistent_id.recordings.recording import COMMANDS
+from consistent_id.recordings.unknown_columns import (
+    UnknownColumns,
+    arrays_of_a_group,
+    joints_of_runs,
+    joints_of_wide,
+    unknown_columns,
+)
 from consistent_id.recordings.unnamed_columns import (
     array_order,
     clock_column,
@@ -181,6 +190,8 @@ def guess_columns(log: Path, known: KnownColumns) -> ColumnGuess:
         units=known.units or {},
     )
     found = replace(usual, **cast(dict[str, Any], dict(known.channels)))
+    if not bag and known.names is None:
+        found = _with_arrays(log, found, known)
     if bag:
         return _of_messages(log, found, known)
     if {"time", "position", known.effort} <= set(known.channels):
@@ -190,6 +201,18 @@ def guess_columns(log: Path, known: KnownColumns) -> ColumnGuess:
         of_arrays = {c: name for c, name in given if name is not None}
         known = replace(known, channels=of_arrays | dict(known.channels))
     return _in_units(_searched(log, found, known))
+
+
+def _with_arrays(log: Path, found: Columns, known: KnownColumns) -> Columns:
+    """Add the joints of arrays, if a stated channel is one and not a pattern."""
+    stated = [known.channels[c] for c in known.channels if c != "time"]
+    arrays = [name for name in stated if "{" not in name]
+    if found.array_joints or len(known.joints) < 2 or not arrays:
+        return found
+    names = column_names(log)
+    if has_no_arrays(log, names):
+        return found
+    return replace(found, array_joints=array_order(log, names, known.joints))
 
 
 def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
@@ -221,7 +244,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             raise _not_found(log, channel, names, where, known)
         best, *others = patterns
         if in_file and best.is_array and channel == "position":
-            _require_width(log, best.text, listed or moved, known.rows)
+            _require_width(log, best.text, listed or moved, names, known)
         found = _with(found, channel, best)
         if channel == "position":
             moved = best.joints
@@ -237,6 +260,8 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             notes.append(f"{best.text} is taken as the position: no other column is")
         if also := rivals(best, others):
             notes.append(f"{channel} is read from {best.text}, not from {also}")
+    if in_file:
+        require_one_clock(log, column_names(log), found)
     if ordered and found.array_joints:
         order = listed or array_order(log, names, tuple(found.array_joints))
         found = replace(found, array_joints=order)
@@ -277,6 +302,13 @@ def _of_messages(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         notes.append(f"joint states are read from {chosen.name}, not from {others}")
     has_torque = "torque" in known.channels or "effort" in chosen.fields
     if not has_torque and not known.torque_joints:
+        if chosen.with_effort:
+            option = f"--topic {chosen.with_effort[0]}"
+            raise RecordingError(
+                f"{log}: topic {chosen.name} has no effort of {shown(named)}, but "
+                f"{', '.join(chosen.with_effort)} has: {option}",
+                options=option,
+            )
         raise RecordingError(
             f"{log}: topic {chosen.name} has no effort of {shown(named)}. "
             f"{_WITHOUT_TORQUE} --torque-joints JOINT ... if it has that of some joints"
@@ -374,9 +406,14 @@ def _not_found(
     others = [run for run in runs if channel_of(run.pattern) == channel]
     own = own_names(names) if channel == "position" else ()
     more = options = ""
-    if len(own) > 1 and len(own) >= max(map(len, others), default=0):
+    in_groups = _by_numbers(log, names, joints, known, arrays_of_a_group)
+    if in_groups is not None:
+        more, options = in_groups
+    elif len(own) > 1 and len(own) >= max(map(len, others), default=0):
         more = mapping_advice(own, joints)
         options = mapping_option(own, joints)
+    elif others and len(others[0]) > len(joints) and known.names is None:
+        more, options = _of_more_columns(log, runs, others[0], joints, known)
     elif others:
         options = _locked(len(others[0]), joints, known.rows)
         more = _of_another_number(
@@ -406,12 +443,14 @@ def _not_found(
             f"{known.channels['position_command']}: --gains KP,KD[,LIMIT] ..."
         )
         options = f"--gains {GAINS} --bodies model"
-    elif channel == "torque" and (unknown := _unknown(runs, joints)):
-        options = unknown.option("torque")
+    elif channel == "torque" and (unknown := _unknown(runs, names, joints)):
+        what, options = unknown
         more = (
-            f" Of the columns without a known word, only {unknown} are as many as the "
+            f" Of the columns without a known word, only {what} are as many as the "
             f"joints: if they are torques or motor currents: {options}"
         )
+    elif found := _by_numbers(log, names, joints, known, unknown_columns):
+        more, options = found
     elif not any(joint in name for joint in joints for name in names):
         more = " If the log has other names of joints: --names NAME=JOINT ..."
     flag = channel.replace("_", "-")
@@ -423,12 +462,66 @@ def _not_found(
     )
 
 
+def _of_more_columns(
+    log: Path,
+    runs: Sequence[NumberedColumns],
+    position: NumberedColumns,
+    joints: tuple[str, ...],
+    known: KnownColumns,
+) -> tuple[str, str]:
+    """Return a sentence and options for numbered columns of more than the joints."""
+    likely = {"position": position} | {
+        channel: run
+        for channel in ("velocity", "torque")
+        for run in runs[::-1]
+        if channel_of(run.pattern) == channel and len(run) == len(position)
+    }
+    more = _of_another_number(f"{position} are", len(position), joints, known.rows)
+    try:
+        options, number = joints_of_runs(log, likely, len(joints))
+    except RecordingError:  # such as empty cells
+        return more, ""
+    if number < len(joints):
+        options = f"{_locked(number, joints, known.rows)} {options}".strip()
+    return f"{more} If the joints are those of a part of them: {options}", options
+
+
+def _by_numbers(
+    log: Path,
+    names: Sequence[str],
+    joints: tuple[str, ...],
+    known: KnownColumns,
+    search: Callable[..., UnknownColumns | None],
+) -> tuple[str, str] | None:
+    """Return a sentence and options for columns that names alone do not show."""
+    if known.names is not None:
+        return None
+    fewer = range(len(joints) - 1, 1, -1) if known.rows is None else sorted(known.rows)
+    numbers = [len(joints), *(n for n in sorted(fewer)[::-1] if 1 < n < len(joints))]
+    found = search(log, names, numbers, known.channels)
+    if found is None:
+        return None
+    if found.joints == len(joints):
+        return found.sentence, found.options
+    lock = _locked(found.joints, joints, known.rows)
+    return f"{found.sentence}, with {lock}", f"{lock} {found.options}"
+
+
 def _unknown(
-    runs: Sequence[NumberedColumns], joints: Sequence[str]
-) -> NumberedColumns | None:
-    """Return the only columns, one for each joint, whose names say nothing known."""
+    runs: Sequence[NumberedColumns], names: Sequence[str], joints: Sequence[str]
+) -> tuple[str, str] | None:
+    """Return the only columns, one for each joint, whose names say nothing known.
+
+    And the option that reads them as torque.
+    """
     several = [r for r in runs if len(r) == len(joints) and says_nothing(r.pattern)]
-    return several[0] if len(several) == 1 else None
+    found = {str(run): run.option("torque") for run in several}
+    texts = {with_joint(name, joints) for name in names}
+    for text in texts - {*names}:
+        each = {text.replace("{joint}", joint) for joint in joints}
+        if says_nothing(text) and each <= {*names}:
+            found[text] = f"--torque {shlex.quote(text)}"
+    return next(iter(found.items())) if len(found) == 1 else None
 
 
 def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
@@ -447,18 +540,47 @@ def _require_width(
     log: Path,
     name: str,
     joints: Sequence[str],
-    rows: Mapping[int, Sequence[Sequence[str]]] | None,
+    names: Sequence[str],
+    known: KnownColumns,
 ) -> None:
     """Refuse an array that has columns of fewer or more joints."""
-    shape = np.shape(reader_of(log).read_arrays(log, [name])[name])
-    if len(shape) != 2 or len(joints) in shape:
+    array = np.asarray(reader_of(log).read_arrays(log, [name])[name])
+    if array.ndim != 2 or len(joints) in array.shape:
         return
-    options = _locked(min(shape), joints, rows)
+    number = min(array.shape)
+    options = _locked(number, joints, known.rows)
+    more = _of_another_number("These are", number, joints, known.rows)
+    if number > len(joints):
+        options = _part_of_wide(log, len(array), names, tuple(joints), known)
+        more = f"{more} If the joints are those of a part of them: {options}"
     raise RecordingError(
-        f"{log}: array {name!r} has shape {shape}."
-        f"{_of_another_number('These are', min(shape), joints, rows)}",
-        options=options,
+        f"{log}: array {name!r} has shape {array.shape}.{more}", options=options
     )
+
+
+def _part_of_wide(
+    log: Path,
+    samples: int,
+    names: Sequence[str],
+    joints: tuple[str, ...],
+    known: KnownColumns,
+) -> str:
+    """Return the options that name the robot's joints in arrays of more columns."""
+    wide: dict[str, tuple[str, np.ndarray]] = {}
+    for channel in ("position", "velocity", known.effort):
+        arrays = [p.text for p in _candidates(channel, names, joints, known)]
+        read = reader_of(log).read_arrays(log, arrays) if arrays else {}
+        for name in arrays[::-1]:
+            if np.ndim(read[name]) == 2 and samples in np.shape(read[name]):
+                upright = read[name] if len(read[name]) == samples else read[name].T
+                wide[channel] = name, np.asarray(upright)
+    parts = joints_of_wide({c: v for c, (_, v) in wide.items()}, len(joints))
+    number = min(end - first for first, end in parts.values())
+    said = [_locked(number, joints, known.rows)] * (number < len(joints))
+    for channel, (first, end) in parts.items():
+        part = shlex.quote(f"{wide[channel][0]}[{first}:{end}]")
+        said.append(f"--{channel.replace('_', '-')} {part}")
+    return " ".join(said)
 
 
 def _likely(

@@ -15,10 +15,12 @@ from itertools import count, takewhile, zip_longest
 from operator import eq
 
 from consistent_id.recordings.column_words import (
+    before_unit_of,
     channel_of,
     is_bare,
     is_current,
     is_force,
+    says_unit_of,
     states,
     words,
 )
@@ -93,7 +95,26 @@ def numbered_columns(names: Sequence[str]) -> tuple[NumberedColumns, ...]:
 @lru_cache(maxsize=4)
 def _numbered_columns(names: tuple[str, ...]) -> tuple[NumberedColumns, ...]:
     known = frozenset(names)
-    return tuple(dict.fromkeys(run for name in names for run in _runs(name, known)))
+    less = {name for same in repeated_columns(names) for name in same}  # tau.1 is next
+    each = (name for name in names if name not in less)
+    return tuple(dict.fromkeys(run for name in each for run in _runs(name, known)))
+
+
+def repeated_columns(names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return columns of one name, of which pandas numbers all but the first.
+
+    Examples
+    --------
+    >>> repeated_columns(["t", "tau", "tau.1", "tau.2"])
+    (('tau', 'tau.1', 'tau.2'),)
+    """
+    known = frozenset(names)
+    found = []
+    for name in names:
+        more = takewhile(known.__contains__, (f"{name}.{k}" for k in count(1)))
+        if f"{name}.1" in known and f"{name}.0" not in known:
+            found.append((name, *more))
+    return tuple(found)
 
 
 _DIGITS = re.compile(r"\d+")
@@ -164,6 +185,7 @@ def shown(names: Sequence[str], joints: Sequence[str] = (), most: int = 12) -> s
 
 
 _PARTS = re.compile(r"[A-Za-z0-9]+|[^A-Za-z0-9]+")
+_HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 _LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Z](?![A-Za-z0-9])")  # a joint, not a word
 _IN_UNIT = re.compile(r"[ _]*(?:[\[(]([^\[\]()]*)[\])]|_(deg|rad|mm))$")
 
@@ -196,19 +218,45 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
     observed = states(names)
     groups: dict[tuple[str, str], list[str]] = defaultdict(list)
     for name in names:
-        if channel_of(_LETTER.sub("", name), observed) != channel:
+        said = _LETTER.sub("", " ".join(_humps(name)))
+        if channel_of(said, observed) != channel:
             continue
         bare = _without_unit(name)
         first, *others = _PARTS.findall(bare) or [""]
+        *start, last = _humps(bare)
         if others and channel_of(others[-1]) == channel:
             mark = "".join(others[-2:]) + name[len(bare) :]
             groups["", mark].append(name.removesuffix(mark))
         elif others and channel_of(first) == channel:
             mark = first + others[0]
-            groups[mark, ""].append(name.removeprefix(mark))
+            end = _closed(bare, mark) + name[len(bare) :]
+            groups[mark, end].append(name.removeprefix(mark).removesuffix(end))
+        elif start and channel_of(last) == channel:  # basePos
+            mark = last + name[len(bare) :]
+            groups["", mark].append(name.removesuffix(mark))
+        elif start and channel_of(start[0]) == channel:  # posBase
+            groups[start[0], ""].append(name.removeprefix(start[0]))
+    for name in names if not groups else ():
+        own = before_unit_of(channel, name)
+        if own is not None and not channel_of(own) and not is_current(own):
+            groups["", name.removeprefix(own)].append(own)
     found = max(groups.values(), key=len, default=[])
-    own = _without_common_start(found) if len(found) > 1 else ()
-    return () if any(_letters(name).isdigit() for name in own) else own
+    differing = _without_common_start(found) if len(found) > 1 else ()
+    if channel == "position" and not differing:
+        others_own = list(_own_names(names, "torque"))
+        return tuple(others_own) if set(others_own) <= set(names) else ()
+    return () if any(_letters(name).isdigit() for name in differing) else differing
+
+
+def _humps(name: str) -> list[str]:
+    """Return the words of a name that capital letters begin; a letter may be one."""
+    return _HUMP.sub(" ", name).split(" ") if name.isalnum() else [name]
+
+
+def _closed(name: str, mark: str) -> str:
+    """Return the bracket that ends a name if the mark before it opens one."""
+    pair = mark[-1:] + name[-1:]
+    return pair[1] if pair in ("()", "[]", "{}") else ""
 
 
 def _without_unit(name: str) -> str:
@@ -253,6 +301,9 @@ def pairs_of(own: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str]
 
     Equal names first, then those that are alike and have no rival; the rest in order.
     """
+    if affixes := _affixes(own, joints):
+        before, after = affixes[0]
+        return tuple((name, f"{before}{name}{after}") for name in own)
     left, open_ = list(own), list(joints)
     found: dict[str, str] = {}
     for related in (eq, _alike):
@@ -261,6 +312,24 @@ def pairs_of(own: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str]
         open_ = [joint for joint in open_ if joint not in found.values()]
     found.update(zip(left, open_, strict=False))
     return tuple((name, found[name]) for name in own if name in found)
+
+
+def _affixes(own: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Return what stands before and after all names in joints' names, in their order.
+
+    Examples
+    --------
+    >>> _affixes(["s0", "s1"], ["head", "left_s0", "left_s1", "right_s0", "right_s1"])
+    (('left_', ''), ('right_', ''))
+    """
+    known = frozenset(joints)
+    found = [
+        (before, after)
+        for joint in joints
+        for before, mark, after in [joint.partition(own[0])]
+        if mark and all(f"{before}{name}{after}" in known for name in own)
+    ]
+    return tuple(found) if len(own) > 1 else ()
 
 
 def _alone(
@@ -286,6 +355,9 @@ def mapping_advice(own: Sequence[str], joints: Sequence[str]) -> str:
     """Return a sentence that proposes the mapping of a log's names, filled in."""
     pairs = pairs_of(own, joints)
     what = f" The log's own names of joints are {', '.join(own)}"
+    if rivals := _affixes(own, joints)[1:]:
+        others = " and ".join(f"{before}{own[0]}{after}" for before, after in rivals)
+        what += f" ({pairs[0][1]} and so on; {others} would fit as well)"
     if len(pairs) < len(joints):
         given = {joint for _, joint in pairs}
         rest = ", ".join(joint for joint in joints if joint not in given)
@@ -333,9 +405,10 @@ class NamePattern:
 
 
 _OF_A_JOINT = {"measured", "meas", "msr", "mes", "actual", "act", "real", "ist"}
+_OF_A_JOINT |= {"feedback", "fb", "fbk"}
 _DOUBTFUL = set(
     "sim simulated model nominal ff feedforward set rated max min est estimated "
-    "offset bias friction prev".split()
+    "offset bias friction prev output".split()
 )
 _OF_A_MOTOR = {"motor", "rotor"}  # before the gear
 
@@ -382,6 +455,11 @@ def _name_patterns(
 
     found: dict[str, NamePattern] = {}
     known = frozenset(names)
+    for same in repeated_columns(names):
+        for every in (joints, all_joints):
+            if len(same) == len(every):
+                each = ",".join(same[every.index(joint)] for joint in joints)
+                found.setdefault(each, NamePattern(f"{{{each}}}", joints))
     for name in names:
         for pattern in _pattern_by_name(name, known, joints):
             found.setdefault(pattern.text, pattern)
@@ -395,6 +473,8 @@ def _name_patterns(
     fitting = [p for p in found.values() if fits(p.text)]
     if not fitting and channel == "position":
         fitting = [p for p in found.values() if is_bare(p.text)]
+    if not fitting:
+        fitting = [p for p in found.values() if says_unit_of(channel, p.text)]
     if not fitting and len(own_names(names, channel)) != max(len(joints), 2):
         fitting = [
             NamePattern(name, tuple(joints), is_array=True)
@@ -407,6 +487,7 @@ def _name_patterns(
             key=lambda p: (
                 -len(p.joints),
                 doubt(channel, p.text),
+                bool(words(p.text) & _OF_A_MOTOR),  # torques of motors, last
                 "{joint}" not in p.text,
                 len(p.text),
             ),

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
-from consistent_id.recordings.readers.units import unit_of_a_name
+from consistent_id.recordings.readers.units import is_unit_of, unit_of_a_name
 
 CHANNELS = ("position", "velocity", "torque")
 
@@ -28,8 +28,8 @@ _WORDS = {
         "qpos, jpos, observation state, axis act, feedback joints, winkel",
         "velocity": "dq, qd, qdot, vel, velo, velocity, velocities, speed, speeds, "
         "spd, dtheta, thetadot, thd, dphi, phidot, qvel, jvel, geschwindigkeit",
-        "torque": "tau, trq, tq, torq, torque, torques, moment, moments, eff, effort, "
-        "efforts, jts, qfrc actuator, actuator force, drehmoment",
+        "torque": "tau, trq, tq, tor, torq, torque, torques, moment, moments, eff, "
+        "effort, efforts, jts, qfrc actuator, actuator force, drehmoment",
     }.items()
 }
 _CURRENT = {"current", "currents", "cur", "curr", "amp", "amps", "ampere", "amperes"}
@@ -110,7 +110,11 @@ _NOT_OF_A_SENSOR |= {"joint", "contact"}
 
 
 _JOINT = re.compile(r"\{[^{},]*\}")
+_LAST_UNIT = re.compile(  # in brackets, or a word of its own
+    r"(?P<name>.*[^ _])[ _]*(?:[\[(](?P<unit>[^\[\](){}]+)[\])]|[ _](?P<word>[^\W_]+))"
+)
 _LETTERS = re.compile(r"[a-z]+")
+_OTHER_LETTERS = re.compile(r"[^\W\d_a-zà-ÿµμ]+")  # Japanese, Cyrillic and the like
 _GREEK = str.maketrans({"θ": "theta", "τ": "tau"})
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 # A word that another one follows without a mark: ``jointpos``, ``qmeas``.
@@ -133,7 +137,11 @@ def words(pattern: str) -> set[str]:
     rest = _JOINT.sub(" ", pattern).translate(_GREEK)
     lower = rest.lower()
     apart = _GLUED.sub(r"\1 ", _HUMP.sub(" ", rest).lower())
-    return {*_LETTERS.findall(lower), *_LETTERS.findall(apart)}
+    return {
+        *_LETTERS.findall(lower),
+        *_LETTERS.findall(apart),
+        *_OTHER_LETTERS.findall(lower),
+    }
 
 
 def states(names: Iterable[str]) -> tuple[str, ...]:
@@ -234,6 +242,41 @@ def says_nothing(pattern: str) -> bool:
     said = words(pattern)
     known = said & (_CURRENT | _COMMANDED | _COMMANDS | _OTHER | _BASE | _FLAG)
     return not (known or _fitting(frozenset(said)) or is_bare(pattern))
+
+
+def says_unit_of(channel: str, pattern: str) -> bool:
+    """Return whether the unit that ends it says the channel of a name without words.
+
+    Examples
+    --------
+    >>> says_unit_of("torque", "{joint} load [Nm]"), says_unit_of("torque", "x [Nm]")
+    (True, True)
+    >>> says_unit_of("velocity", "{joint} rate [deg/s]")
+    True
+    >>> says_unit_of("torque", "{joint} friction error [Nm]")
+    False
+    """
+    rest = before_unit_of(channel, pattern)
+    return rest is not None and (says_nothing(rest) or is_bare(rest))
+
+
+def before_unit_of(channel: str, name: str) -> str | None:
+    """Return a name without the unit of a channel that ends it; None without one.
+
+    Examples
+    --------
+    >>> before_unit_of("torque", "elbow_Nm"), before_unit_of("position", "elbow [deg]")
+    ('elbow', 'elbow')
+    >>> before_unit_of("position", "elbow_Nm"), before_unit_of("position", "arm_m")
+    (None, None)
+    """
+    found = _LAST_UNIT.fullmatch(name)
+    if found is None or channel not in CHANNELS:
+        return None
+    unit = found["unit"] or found["word"]
+    if len(unit) < 2 or not is_unit_of(channel, unit):  # m, N, A and the like
+        return None
+    return found["name"]
 
 
 def is_current(pattern: str) -> bool:

@@ -109,7 +109,9 @@ LEROBOT = LogFormat("LeRobot", (), "lerobot", *_ARROW, folders=True)
 _LEROBOT_INFO = ("meta", "info.json")  # of its folder
 
 TABLES = LogFormat("folder of tables", (), "table_folder", folders=True)
-_TABLES = (".csv", ".tsv", ".txt", ".dat", ".parquet", ".feather", ".arrow")
+_TEXTS = (".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".lvm", ".prn")
+_MESSAGES = (".yaml", ".yml", ".xml")  # printed as text
+_TABLES = (*_TEXTS, ".parquet", ".feather", ".arrow")
 _BAGS = (".mcap", ".db3", ".bag")
 
 ROS_BAG = LogFormat(
@@ -124,9 +126,7 @@ ROS_BAG = LogFormat(
 )
 
 LOG_FORMATS = (
-    LogFormat(
-        "CSV", (".csv", ".tsv", ".txt", ".dat"), "csv", streams=True, is_text=True
-    ),
+    LogFormat("CSV", (*_TEXTS, *_MESSAGES), "csv", streams=True, is_text=True),
     LogFormat("Parquet", (".parquet",), "parquet", *_ARROW, streams=True),
     LEROBOT,
     LogFormat("Feather", (".feather", ".arrow"), "feather", *_ARROW, streams=True),

@@ -83,8 +83,27 @@ def _by_number(
                 if joint is not None and _fits(channel, text, joint in sliding):
                     found[joint].append(name)
         if all(len(some) == 1 for some in found.values()):
-            return {joint: name for joint, (name,) in found.items()}
+            only = {joint: name for joint, (name,) in found.items()}
+            return {} if _goes_on(only, numbers, names) else only
     return {}
+
+
+def _goes_on(
+    found: dict[str, str], numbers: dict[str, str], names: Sequence[str]
+) -> bool:
+    """Return whether a column of the same name has a number before or after all.
+
+    Then which are the joints' is open, such as of q0 to q6 of an arm of six joints.
+    """
+    ends = (str(min(map(int, numbers)) - 1), str(max(map(int, numbers)) + 1))
+    of_joints = {numbers[n]: n for n in numbers}
+    return any(
+        f"{before}{end}{after}" in names
+        for joint, name in found.items()
+        for before, mark, after in [name.rpartition(of_joints[joint])]
+        for end in ends
+        if mark
+    )
 
 
 def _numbered(name: str) -> Iterator[tuple[str, str]]:

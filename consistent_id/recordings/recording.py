@@ -38,21 +38,36 @@ Severity = Literal["fault", "warning", "note"]
 
 
 _USUAL_STEP = (5e-5, 0.5)  # s, between samples of a robot's log
+_LEAST_STEP = 1e-6  # s: no log of a robot is as fast, but one in days
+_FROM_1970 = (1e9, 3e9)  # s, from the year 2001 to 2065
+_TICKS = ("100ns", 1e-7)
+_TICKS_FROM = (1.2e17, 6.6e17)  # from 1601 or the year 1 to this century
 
 
 def unit_option(time: Vector) -> str:
     """Return the option with the unit in which a clock has usual steps; empty for s.
 
+    Clocks that count from 1970 have the unit that this implies.  Days of spreadsheets
+    and ticks of 100 ns count from other years.
+
     Examples
     --------
     >>> unit_option(np.array([0.0, 4.0, 8.0])), unit_option(np.array([0.0, 0.004]))
     ('--units time=ms', '')
+    >>> unit_option(1.7e15 + np.array([0.0, 100.0])), unit_option(np.array([0.0, 1e-7]))
+    ('--units time=us', '--units time=day')
     """
     with np.errstate(over="ignore"):
         step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    if 0.0 < step < _LEAST_STEP:
+        return "--units time=day"
     if step <= _USUAL_STEP[1]:
         return ""
-    for unit, factor in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+    units = [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)]
+    if _TICKS_FROM[0] < time[0] < _TICKS_FROM[1]:
+        units = [_TICKS]
+    now = [(u, f) for u, f in units if _FROM_1970[0] < f * time[0] < _FROM_1970[1]]
+    for unit, factor in now or units:
         if _USUAL_STEP[0] <= factor * step <= _USUAL_STEP[1]:
             return f"--units time={unit}"
     return ""
@@ -274,11 +289,21 @@ class Recording:
             )
         if (steps <= 0.0).any():
             bad = int(np.argmax(steps <= 0.0))
+            advice = (
+                'Sort the samples; of repeated ones take one: duplicates = "first" '
+                "(--duplicates first)"
+            )
+            options = "--duplicates first" if (steps >= 0.0).all() else ""
+            if not steps.any() and len(steps) > 1:
+                options = "--time RATEHz"
+                advice = (
+                    "All samples have this time. If they are evenly spaced, state "
+                    f"their rate: {options} (such as 1000Hz)"
+                )
             raise SampleError(
                 f"{self.name}: time goes from {time[bad]:.15g} s (sample {bad}) to "
-                f"{time[bad + 1]:.15g} s; it must increase. Sort the samples; of "
-                'repeated ones take one: duplicates = "first" (--duplicates first)',
-                options="--duplicates first" if (steps >= 0.0).all() else "",
+                f"{time[bad + 1]:.15g} s; it must increase. {advice}",
+                options=options,
             )
 
     def _moves(self, steps: BoolArray) -> bool:

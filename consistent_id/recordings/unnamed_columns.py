@@ -33,6 +33,8 @@ _COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too
 _MOST_READ = 50  # columns that may be a clock
 _OF_NAMES = {"joint", "joints", "motor", "actuator", "dof", "name", "names"}
 _CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t", "ts", "zeit"}
+_CLOCKS |= {"times", "stamps", "tout"}
+_SPANS = _CLOCKS | {"duration", "elapsed", "millis", "ms", "seconds"}
 _UNEVEN = 20.0  # longest step over the median one, of a clock
 _REPEATED = 4  # most rows with one stamp
 _ALIKE = 0.9  # least correlation of a velocity with the position's rate of change
@@ -212,6 +214,33 @@ def is_clock(column: Vector) -> bool:
     return bool(rising.max() <= _UNEVEN * np.median(rising))
 
 
+def _first_of_array(arrays: Mapping[str, np.ndarray]) -> str:
+    """Return the first column of the only array of many, if it rises like a clock."""
+    wide = {n: v for n, v in arrays.items() if np.ndim(v) == 2 and min(v.shape) > 1}
+    for name, values in wide.items() if len(wide) == len(arrays) == 1 else ():
+        if values.shape[0] > values.shape[1] and values.dtype.kind in "iuf":
+            column = values[:, 0].astype(np.float64)
+            return f"{name}[0:1]" if is_clock(column) else ""
+    return ""
+
+
+def _readable(log: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return the columns that can be read; those with empty cells may not matter."""
+    if not names:
+        return {}
+    try:
+        return dict(reader_of(log).read_arrays(log, names))
+    except RecordingError:
+        half = len(names) // 2
+        parts = (names[:half], names[half:]) if half else ()
+        return {n: v for part in parts for n, v in _readable(log, part).items()}
+
+
+def _counts(column: Vector) -> bool:
+    """Return whether a column counts rows, which says nothing of the time."""
+    return bool((np.diff(column) == 1.0).all())
+
+
 def layout_options(layout: ColumnLayout, known: Sequence[str] = ()) -> str:
     """Return the options that name the columns, filled in; empty if a channel is open.
 
@@ -360,8 +389,8 @@ def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:
     if split is not None:
         return split
     likely = [name for name in names if in_file and words(name) & _CLOCKS]
-    read = reader_of(log).read_arrays(log, likely) if likely else {}
-    rising = [n for n in likely if is_clock(np.asarray(read[n], float).reshape(-1))]
+    read = _readable(log, likely)
+    rising = [n for n in read if is_clock(np.asarray(read[n], float).reshape(-1))]
     if len(rising) == 1:
         return rising[0]
     raise _without_clock(log, names, in_file=in_file)
@@ -370,11 +399,26 @@ def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:
 def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> RecordingError:
     """Return an error that proposes columns that rise like a clock, or a rate."""
     said = f"{log}: no column is named time, t or timestamp; the log has {shown(names)}"
-    likely = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
-    likely = likely[:_MOST_READ] if in_file else []
-    read = reader_of(log).read_arrays(log, likely) if likely else {}
+    clocks = [name for name in names if words(name) & _CLOCKS]
+    plain = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
+    likely = list(dict.fromkeys([*clocks, *plain]))[:_MOST_READ] if in_file else []
+    read = _readable(log, likely)
+    if first := _first_of_array(read):
+        options = f"--time {shlex.quote(first)}"
+        return RecordingError(
+            f"{said}. {first}: numbers that rise evenly. If these are the clock: "
+            f"{options}",
+            options=options,
+        )
     columns = {name: np.asarray(values).reshape(-1) for name, values in read.items()}
     rising = [n for n, c in columns.items() if c.dtype.kind in "iuf" and is_clock(c)]
+    counted = [n for n in rising if _counts(columns[n]) and not words(n) & _SPANS]
+    if rising and rising[0] in counted:
+        return RecordingError(
+            f"{said}. {counted[0]} counts up by 1 from row to row: rows, or "
+            f"milliseconds at 1000 Hz. State the rate of samples: --time {RATE}",
+            options=f"--time {RATE}",
+        )
     if rising:
         unit = unit_option(columns[rising[0]].astype(np.float64))
         options = f"--time {shlex.quote(rising[0])} {unit}".strip()

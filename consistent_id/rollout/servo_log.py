@@ -18,7 +18,9 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_words import words
 from consistent_id.recordings.readers.named_arrays import read_parts
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
+from consistent_id.recordings.readers.units import KNOWN, unit_of_a_name
 from consistent_id.recordings.readers.used_rows import UsedRows
+from consistent_id.recordings.recording import unit_option
 
 _GOAL = {"goal", "target", "command", "commanded", "cmd", "action", "desired"}
 _GOAL |= {"reference", "ref", "setpoint"}
@@ -42,6 +44,7 @@ _FULL = (1.0, 100.0, 885.0, 1000.0, 1023.0)  # usual numbers for full duty
 _MOST_ANGLE = 4.0 * np.pi  # rad: servos that turn further are seldom logged in rad
 _GAP = 5.0  # usual periods without a sample, after which a new piece begins
 _LEAST = 20  # samples of a piece
+_MIDDLE = 2048.0  # ticks of half a turn
 _PERIODS = (0.5e-3, 0.5)  # s: usual periods of a servo's log lie between
 _AT_LIMIT = 3  # samples at the largest duty, if it is the limit
 _GROWN = 1.1  # of the error that the duty answers: more, and the duty is at its limit
@@ -87,10 +90,13 @@ class ServoLog:
         freeze(self, time=time - time[0])
         low, high = _PERIODS
         if not low <= self.period <= high:
+            option = unit_option(time).replace("--units time=", "--times ")
             raise RecordingError(
                 f"{self.name}: the median time between samples is {self.period:.4g} s, "
                 f"expected {low:g} to {high:g} s; are the times in milliseconds or "
                 "nanoseconds? Convert them to seconds"
+                + (f", or {option}" if option else ""),
+                options=option,
             )
         if self.volts is not None and not 0.0 < self.volts < np.inf:
             raise RecordingError(
@@ -145,6 +151,8 @@ def read_servo_logs(
     *,
     columns: Mapping[str, str] | None = None,
     units: str = "rad",
+    zero: Sequence[float] | None = None,
+    times: str | None = None,
     full_duty: float | None = None,
 ) -> tuple[ServoLog, ...]:
     """Read logs of servos, each in pieces without gaps.
@@ -160,6 +168,12 @@ def read_servo_logs(
         they are found by their words.
     units : {"rad", "deg", "ticks"}
         Units of positions and goals.
+    zero : sequence of float, optional
+        Positions in the log, in its unit, at which the robot's are zero: one, or one
+        for each joint.  By default zero; it has to be stated for ticks that are all
+        positive, whose zero usually is in the middle, 2048.
+    times : {"s", "ms", "us", "ns"}, optional
+        Unit of the time; by default that in the column's name, else s.
     full_duty : float, optional
         The number that stands for full duty; by default the largest one if it
         stays while the position error grows, else the next of 1, 100, 885, 1000 and
@@ -171,7 +185,14 @@ def read_servo_logs(
         If a file cannot be read, or lacks a position or a goal.
     """
     return read_servo_sets(
-        paths, (), joints, columns=columns, units=units, full_duty=full_duty
+        paths,
+        (),
+        joints,
+        columns=columns,
+        units=units,
+        zero=zero,
+        times=times,
+        full_duty=full_duty,
     ).training
 
 
@@ -189,6 +210,8 @@ def read_servo_sets(
     *,
     columns: Mapping[str, str] | None = None,
     units: str = "rad",
+    zero: Sequence[float] | None = None,
+    times: str | None = None,
     full_duty: float | None = None,
 ) -> ServoSets:
     """Read logs to learn from and logs for validation; see `read_servo_logs`.
@@ -203,10 +226,17 @@ def read_servo_sets(
     """
     sets = [[Path(path) for path in paths] for paths in (training, validation)]
     names = _log_names([file for files in sets for file in files])
-    raw = [[_read(file, joints, columns or {}) for file in files] for files in sets]
+    raw = [
+        [_read(file, joints, columns or {}, times) for file in files] for files in sets
+    ]
+    for files, given in zip(sets, raw, strict=True):
+        for file, arrays in zip(files, given, strict=True):
+            offset = _zero(names[file], arrays, units, zero, len(joints))
+            for channel in ("position", "goal"):
+                arrays[channel] = arrays[channel] - offset
     full = full_duty
-    for arrays in raw:
-        full = _full_duty(arrays) if full is None else full
+    for each in raw:
+        full = _full_duty(each) if full is None else full
     scale = 1.0 if full is None else full
 
     def made(
@@ -219,6 +249,33 @@ def read_servo_sets(
         )
 
     return ServoSets(made(sets[0], raw[0]), made(sets[1], raw[1]))
+
+
+def _zero(
+    name: str,
+    arrays: Mapping[str, Array],
+    units: str,
+    zero: Sequence[float] | None,
+    joints: int,
+) -> Vector:
+    """Return the positions in a log at which the robot's are zero, shape (joints,)."""
+    position = arrays["position"]
+    if zero is not None:
+        if len(zero) not in (1, joints):
+            raise RecordingError(
+                f"zero has {len(zero)} numbers, expected one, or one for each of "
+                f"{joints} joints"
+            )
+        return np.broadcast_to(np.asarray(zero, dtype=np.float64), joints)
+    least, most = float(np.nanmin(position)), float(np.nanmax(position))
+    if units == "ticks" and least >= 0.0 and most >= _MIDDLE:
+        raise RecordingError(
+            f"{name}: ticks are {least:g} to {most:g}, none is negative, and where "
+            "the robot's zero is must be known: usually in the middle, "
+            f"--zero {_MIDDLE:g}; else --zero 0, or a number for each joint",
+            options=f"--zero {_MIDDLE:g}",
+        )
+    return np.zeros(joints)
 
 
 def _log_names(files: Sequence[Path]) -> dict[Path, str]:
@@ -258,7 +315,10 @@ def logged_joints(
 
 
 def _read(
-    file: Path, joints: Sequence[str], stated: Mapping[str, str]
+    file: Path,
+    joints: Sequence[str],
+    stated: Mapping[str, str],
+    times: str | None = None,
 ) -> dict[str, Array]:
     """Return the roles' arrays, each shape (samples, joints); of time (samples,)."""
     names = column_names(file)
@@ -282,7 +342,12 @@ def _read(
         for role, given in found.items()
         if given
     }
-    return made | {"time": made["time"][:, 0]}
+    return made | {"time": _in_seconds(found["time"][0], made["time"][:, 0], times)}
+
+
+def _in_seconds(name: str, time: Vector, stated: str | None) -> Vector:
+    """Return times in seconds, of the stated unit, or of the one in their name."""
+    return time * KNOWN["time"].get(stated or unit_of_a_name("time", name) or "s", 1.0)
 
 
 def _found(role: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:
@@ -400,9 +465,15 @@ def _pieces(
     for number, part in enumerate(kept, start=1):
         position = unit * arrays["position"][part]
         if np.ptp(position) > _MOST_ANGLE:
+            whole = bool((position == np.round(position)).all())
+            positive = bool(position.min() >= 0.0)
+            ticks = f"--angles ticks --zero {_MIDDLE:g}" if positive else ""
             raise RecordingError(
                 f"{name}: position covers {np.ptp(position):.4g} rad, more than two "
                 "turns; if it is in degrees or ticks say --angles deg or --angles ticks"
+                + f" (whole numbers are ticks: {ticks})"
+                * (whole and bool(ticks)),
+                options=ticks if whole else "--angles deg",
             )
         cut = {
             role: values[part]

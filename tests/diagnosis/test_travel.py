@@ -105,3 +105,16 @@ def test_equal_inertials_are_placeholders_or_accepted():
     (found,) = model_findings(replace(robot, links=links))
     assert found.kind == "placeholder inertials"
     assert '--accept "placeholder inertials"' in found.advice
+
+
+def test_counts_from_zero_on_say_the_counts_of_a_turn_and_where_the_zero_is():
+    """As of hobby servos: half a turn of 4096 is the middle of their range."""
+    swing = _swing(651.9)
+    counts = replace(swing, position=np.round(swing.position + 2048.0))
+    (finding,) = travel_findings(_robot(JointLimits(-2.0, 2.0)), counts)
+    assert "(--units position=rev/4096)" in finding.advice
+    zeros = " ".join(f"{joint}=-3.14159" for joint in counts.joints)
+    assert f"--position-offset {zeros}" in finding.advice
+    odd = replace(counts, position=counts.position + 0.25)
+    (finding,) = travel_findings(_robot(JointLimits(-2.0, 2.0)), odd)
+    assert "rev/COUNTS" in finding.advice

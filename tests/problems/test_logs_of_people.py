@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from logged import URDF, write_arm
 from ros_topics import header, write_mcap
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import consistent_id as ci
 from consistent_id.problems.robot_logs import robot_logs
@@ -82,6 +83,53 @@ def test_a_bag_without_effort_is_refused(arm, tmp_path):
     bag = _bag(tmp_path, arm=_messages(log, JOINTS, fields=["position"]))
     with pytest.raises(ci.RecordingError, match="has no effort of shoulder, elbow"):
         robot_logs(urdf, bag)
+
+
+_POINT = "trajectory_msgs/JointTrajectoryPoint"
+_CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
+
+
+def _with_controller(folder, log, **topics):
+    """Write a bag with the state of a controller, whose joints have another order."""
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    lines = ["std_msgs/Header header", "string[] joint_names"]
+    lines += [f"{_POINT} {part}" for part in ("reference", "feedback", "output")]
+    types.register(get_types_from_msg("\n".join(lines), _CONTROLLER))
+    states = []
+    for stamp, content in _messages(log, JOINTS):
+        fields = (("positions", "position"), ("effort", "effort"))
+        point = {to: content[of][::-1].copy() for to, of in fields if of in content}
+        other = {"positions": 0.0 * point["positions"]}
+        message = {"header": content["header"], "joint_names": list(JOINTS[::-1])}
+        points = {"reference": other, "feedback": point, "output": other}
+        states.append((stamp, message | points))
+    named = {f"/{t}/joint_states": (STATES, m) for t, m in topics.items()}
+    topics = named | {"/arm/state": (_CONTROLLER, states)}
+    return write_mcap(folder / "bag", topics, types)
+
+
+@pytest.mark.slow
+def test_the_state_of_a_controller_is_read_if_no_joint_state_has_the_joints(
+    arm, tmp_path
+):
+    """A gripper alone was read, of which no joint moves."""
+    urdf, _, log = arm
+    bag = _with_controller(tmp_path, log, gripper=_messages(log, ["finger"], every=3))
+    found = robot_logs(urdf, bag).read(bag)
+    np.testing.assert_array_equal(found.position, log.position)
+    np.testing.assert_array_equal(found.torque, log.torque)
+
+
+@pytest.mark.slow
+def test_a_topic_with_effort_is_proposed_where_the_usual_one_has_none(arm, tmp_path):
+    urdf, _, log = arm
+    bare = _messages(log, JOINTS, fields=["position"])
+    bag = _with_controller(tmp_path, log, arm=bare)
+    with pytest.raises(ci.RecordingError, match="but /arm/state has") as caught:
+        robot_logs(urdf, bag)
+    assert caught.value.options == "--topic /arm/state"
+    found = robot_logs(urdf, bag, Statement(topic="/arm/state")).read(bag)
+    np.testing.assert_array_equal(found.torque, log.torque)
 
 
 @pytest.mark.slow

@@ -554,3 +554,12 @@ def test_measured_columns_are_read_before_others(tmp_path, position, torque, oth
     found = guessed(tmp_path, names).columns
     assert found.position == position.format("{number}")
     assert found.torque == torque.format("{number}")
+
+
+def test_the_torque_of_a_joint_goes_before_that_of_its_motor():
+    names = ["t", "q0", "q1"]
+    names += [f"actual_{of}_torque[{k}]" for of in ("motor", "joint") for k in (0, 1)]
+    found = guess_columns(Path("log.csv"), KnownColumns(("a", "b"), names=names))
+    assert found.columns.torque == "actual_joint_torque[{joint}]"
+    found = guess_columns(Path("log.csv"), KnownColumns(("a", "b"), names=names[:5]))
+    assert found.columns.torque == "actual_motor_torque[{joint}]"

@@ -96,3 +96,20 @@ def test_a_faulty_first_row_is_no_header(tmp_path, row):
     assert array_names(file) == tuple(NAMES.split(","))
     with pytest.raises(RecordingError, match="row 1"):
         read(file)
+
+
+def test_a_line_that_states_the_separator_is_above_decimal_commas(tmp_path):
+    """Such rows have more commas than semicolons."""
+    log = tmp_path / "log.csv"
+    log.write_text("sep=;\nt;q1;tau1\n0,5;1,5;2,25\n1,5;2,5;3,25\n2,5;3,5;4,25\n")
+    assert array_names(log) == ("t", "q1", "tau1")
+    read = read_arrays(log, ["tau1"])["tau1"]
+    assert read.tolist() == [2.25, 3.25, 4.25]
+
+
+def test_a_column_without_values_does_not_hide_the_clock(tmp_path):
+    log = tmp_path / "log.lvm"
+    rows = [f"{k}\t{k}.5\t3\t\n" for k in range(9)]
+    log.write_text("".join(["X_Value\tq1\ttau1\tComment\n", *rows]))
+    with pytest.raises(RecordingError, match="X_Value counts up by 1"):
+        guess_columns(log, KnownColumns(("a",)))

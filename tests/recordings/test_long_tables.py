@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.log_formats import log_format
-from consistent_id.recordings.readers import read_recording
+from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.readers.csv import read_arrays, read_batches
 from consistent_id.recordings.readers.recording_file import column_names
 
@@ -177,3 +178,17 @@ def test_a_text_beside_the_columns_of_two_joints_is_no_joint(tmp_path):
     ]
     file = write(tmp_path, lines, "time,name,hip_pos,knee_pos,effort")
     assert column_names(file)[:3] == ("time", "name", "hip_pos")
+
+
+def test_a_fault_in_a_long_table_names_no_line_of_the_file(tmp_path):
+    """Its rows are those of instants, which --omit counts, too."""
+    rows = [f"{k / 10},{j},{k},1" for k in range(40) for j in ("a", "b")]
+    rows[21] = rows[21].replace(",1", ",ERR")
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(["time,joint,position,effort", *rows]))
+    columns = Columns(position="{joint}.position", torque="{joint}.effort")
+    with pytest.raises(RecordingError, match=r"row 11 \(of the table") as caught:
+        read_recording(log, ("a", "b"), columns)
+    assert "(line" not in str(caught.value)
+    assert caught.value.options == "--omit 11"
+    assert len(read_recording(log, ("a", "b"), columns, omit=[11])) == 39

@@ -12,7 +12,12 @@ from scipy.io import savemat
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.log_formats import log_format
-from consistent_id.recordings.readers import Columns, parquet, read_recording
+from consistent_id.recordings.readers import (
+    Columns,
+    feather,
+    parquet,
+    read_recording,
+)
 from consistent_id.recordings.readers.recording_file import column_names
 
 JOINTS = ("shoulder", "elbow")
@@ -223,3 +228,105 @@ def test_a_long_table_is_read_once_as_long_as_the_file_is_the_same(
     table["joint"] = ["hand", "wrist"] * len(TIME)
     pq.write_table(pa.table(table), file)
     assert "hand.position" in column_names(file)
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_names_above_nested_lists_are_those_of_their_items(tmp_path, beside):
+    """As in messages of a controller's state, whose joints have any order."""
+    records = [
+        {
+            "time": k / 10,
+            "joint_names": ["elbow", "shoulder"],
+            "output": {"positions": [9, 9], "effort": [9, 9]},
+            "feedback": {"positions": [k, -k], "effort": [2 * k, 3]},
+        }
+        for k in range(120)
+    ]
+    file = tmp_path / "log.json"
+    file.write_text(json.dumps({"of": "arm", "log": records} if beside else records))
+    guess = guess_columns(file, KnownColumns(("shoulder", "elbow")))
+    assert guess.columns.torque == "feedback.effort.{joint}"
+    log = read_recording(file, ("shoulder", "elbow"), guess.columns)
+    np.testing.assert_array_equal(log.position[:, 1], np.arange(120))
+    np.testing.assert_array_equal(log.torque[:, 0], np.full(120, 3))
+
+
+def test_an_object_for_each_joint_is_one_of_their_columns(tmp_path):
+    file = tmp_path / "log.jsonl"
+    rows = [{"t": k, "m": [{"q": k, "tau": 1}, {"q": -k, "tau": 2}]} for k in range(9)]
+    file.write_text("\n".join(map(json.dumps, rows)))
+    columns = guess_columns(file, KnownColumns(("shoulder", "elbow"))).columns
+    log = read_recording(file, ("shoulder", "elbow"), columns)
+    np.testing.assert_array_equal(log.position[:, 1], -np.arange(9))
+    np.testing.assert_array_equal(log.torque[:, 1], np.full(9, 2))
+
+
+def test_a_long_table_of_feather_is_put_side_by_side_once(tmp_path, monkeypatch):
+    file = tmp_path / "log.feather"
+    table = {
+        "time": np.repeat(TIME, 2),
+        "joint": OTHER * len(TIME),
+        "position": POSITION[:, ::-1].ravel(),
+        "effort": TORQUE[:, ::-1].ravel(),
+    }
+    times, side_by_side = [], feather.side_by_side
+
+    def counted(columns):
+        times.append(len(columns))
+        return side_by_side(columns)
+
+    monkeypatch.setattr(feather, "side_by_side", counted)
+    write_feather(pa.table(table), file)
+    assert_is_read(file)
+    assert len(log_format(file).notes(file)) == 1
+    assert len(times) == 1
+    table["joint"] = ["hand", "wrist"] * len(TIME)
+    write_feather(pa.table(table), file)
+    assert "hand.position" in column_names(file)
+
+
+@pytest.mark.parametrize("labels", [("position", "torque"), ("", "")])
+def test_arrays_of_structures_are_read_by_their_labels_or_numbers(tmp_path, labels):
+    """As Simulink writes the signals of a scope."""
+    signals = np.zeros(2, dtype=[("values", object), ("label", object)])
+    for k, values in enumerate((POSITION, TORQUE)):
+        signals[k] = values, labels[k]
+    file = tmp_path / "log.mat"
+    savemat(file, {"scope": {"time": TIME[:, None], "signals": signals}})
+    if labels[0]:
+        assert_is_read(file)
+    else:
+        names = [f"scope.signals({k}).values" for k in (1, 2)]
+        assert set(names) <= set(column_names(file))
+        columns = Columns("scope.time", names[0], torque=names[1], array_joints=JOINTS)
+        log = read_recording(file, JOINTS, columns)
+        np.testing.assert_allclose(log.torque, TORQUE)
+
+
+def test_arrays_of_three_dimensions_of_which_one_is_one_are_read(tmp_path):
+    """Simulink logs vectors as 2 x 1 x samples."""
+    file = tmp_path / "log.mat"
+    arrays = {"q": POSITION, "tau": TORQUE}
+    tall = {name: values.T[:, None, :] for name, values in arrays.items()}
+    savemat(file, {"time": TIME, **tall})
+    assert_is_read(file)
+
+
+@pytest.mark.parametrize("place", ["position_{}", "position{}", "position[{}]"])
+def test_numbered_columns_beside_a_list_of_names_are_of_these(tmp_path, place):
+    """As bagpy writes joint states; they were taken in the robot's order."""
+    numbers = [place.format(k) for k in (0, 1)]
+    numbers += [n.replace("position", "effort") for n in numbers]
+    lines = [",".join(["Time", "name", *numbers])]
+    for k, time in enumerate(TIME):
+        values = [*POSITION[k, ::-1], *TORQUE[k, ::-1]]
+        lines.append(
+            ",".join([f"{time}", f'"{OTHER}"', *map(repr, map(float, values))])
+        )
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(lines))
+    assert_is_read(file)
+    lines[9] = lines[9].replace("elbow", "wrist")
+    file.write_text("\n".join(lines))
+    with pytest.raises(RecordingError, match="not all rows are of the joints"):
+        read(file)

@@ -167,3 +167,78 @@ def test_own_names_stand_before_units(unit):
 def test_brackets_around_own_names_are_no_units():
     assert own_names(["position (arm)", "position (leg)"]) != ("", "")
     assert own_names(["arm pos [deg]", "leg pos [deg]"]) == ("arm", "leg")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "own"),
+    [
+        ("{}Pos", ("base", "roll1", "elbow")),
+        ("pos{}", ("Base", "Roll1", "Elbow")),
+        ("{}Pos", ("A", "D", "B")),
+        ("pos({})", ("base", "roll1", "elbow")),
+        ("pos[{}]", ("base", "roll1", "elbow")),
+    ],
+)
+def test_own_names_end_at_a_capital_or_a_bracket(pattern, own):
+    names = ["t", *map(pattern.format, own)]
+    names += [pattern.replace("os", "osRef").format(joint) for joint in own]
+    assert own_names(names) == own
+
+
+def test_columns_without_a_word_are_names_if_torques_have_them():
+    own = ("base", "roll1", "elbow")
+    names = ["t", *own, *(f"{joint}_tq" for joint in own)]
+    assert own_names(names) == own
+    mapping = dict(zip(ARM, own, strict=True))
+    known = KnownColumns(ARM, names=names).renamed(mapping)
+    assert guess_columns(Path("log.csv"), known).columns.position == "{joint}"
+
+
+def test_columns_that_pandas_numbers_are_one_for_each_joint(tmp_path):
+    """The first of six columns of one name has no number: it is the first joint's."""
+    names = ["t", "pos", "pos.1", "pos.2", "tau", "tau.1", "tau.2"]
+    guess = guess_columns(Path("log.csv"), KnownColumns(ARM, names=names))
+    assert guess.joints == ARM
+    assert guess.columns.torque == "{tau,tau.1,tau.2}"
+    log = tmp_path / "log.csv"
+    log.write_text(",".join(names) + "\n0,1,2,3,4,5,6\n1,2,3,4,5,6,7\n")
+    with pytest.raises(RecordingError, match="found no column") as caught:
+        guess_columns(log, KnownColumns(ARM[:2]))
+    assert "--" not in caught.value.options
+
+
+def test_a_unit_says_the_channel_of_a_name_without_a_known_word():
+    names = ["t"]
+    for unit in ("angle [deg]", "rate [deg/s]", "load [Nm]", "load [A]", "push [N]"):
+        names += [f"{joint} {unit}" for joint in ARM]
+    columns = guess_columns(Path("log.csv"), KnownColumns(ARM, names=names)).columns
+    assert columns.velocity == "{joint} rate [deg/s]"
+    assert columns.torque == "{joint} load [Nm]"
+    assert columns.units["velocity"] == "deg/s"
+
+
+@pytest.mark.parametrize("mark", ["_{}", " [{}]"])
+def test_units_alone_say_the_channels_of_own_names(mark):
+    """As in base_deg, base_degps, base_Nm."""
+    own = ("base", "roll1", "elbow")
+    units = ("deg", "degps", "Nm")
+    names = ["t", *(f"{j}{mark.format(unit)}" for unit in units for j in own)]
+    assert own_names(names) == own
+    known = KnownColumns(ARM, names=names).renamed(dict(zip(ARM, own, strict=True)))
+    columns = guess_columns(Path("log.csv"), known).columns
+    each = [f"{{joint}}{mark.format(unit)}" for unit in units]
+    assert [columns.position, columns.velocity, columns.torque] == each
+    assert columns.units["velocity"] == "deg/s"
+
+
+def test_names_that_are_parts_of_those_of_one_arm_are_mapped_to_it(tmp_path):
+    """In their order they were mapped to the head and most of the left arm."""
+    joints = ["head", *(f"{side}_{j}" for side in ("left", "right") for j in "abc")]
+    names = ["t", *(f"{j}_{c}" for c in ("position", "effort") for j in "abc")]
+    log = tmp_path / "log.csv"
+    log.write_text(",".join(names) + "\n0,1,2,3,4,5,6\n1,2,3,4,5,6,7\n")
+    with pytest.raises(RecordingError) as caught:
+        guess_columns(log, KnownColumns(tuple(joints)))
+    assert caught.value.options == "--names a=left_a b=left_b c=left_c"
+    assert "(left_a and so on; right_a would fit as well)" in str(caught.value)
+    assert pairs_of(["b", "a"], ["a_1", "b_1"]) == (("b", "b_1"), ("a", "a_1"))

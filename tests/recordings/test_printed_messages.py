@@ -10,6 +10,7 @@ from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.readers import read_recording
 from consistent_id.recordings.readers.csv import read_arrays
 from consistent_id.recordings.readers.recording_file import column_names
+from consistent_id.recordings.readers.yaml_messages import fields_of
 
 JOINTS = ("shoulder", "elbow")
 PRINTED = ("elbow", "shoulder")  # ROS sorts names
@@ -117,6 +118,68 @@ def test_a_grippers_messages_between_those_of_the_arm_are_left_out(tmp_path):
     assert len(log) == SAMPLES
 
 
+def test_messages_whose_joints_change_their_order_are_all_read(tmp_path):
+    def message(k, joints):
+        values = {"shoulder": k, "elbow": -k}
+        names, position = (
+            "".join(f"- {one}\n" for one in some)
+            for some in (joints, [values[j] for j in joints])
+        )
+        stamp = f"header:\n  stamp:\n    sec: {k}\n    nanosec: 5\n"
+        return f"{stamp}name:\n{names}position:\n{position}effort:\n{position}---\n"
+
+    file = tmp_path / "log.yaml"
+    orders = [JOINTS, JOINTS[::-1]]
+    file.write_text("".join(message(k, orders[k % 2]) for k in range(SAMPLES)))
+    columns = guess_columns(file, KnownColumns(JOINTS)).columns
+    log = read_recording(file, ("shoulder", "elbow"), columns)
+    np.testing.assert_array_equal(log.position[:, 0], np.arange(SAMPLES))
+    np.testing.assert_array_equal(log.torque[:, 1], -np.arange(SAMPLES))
+
+
+_STATE = """header:
+  STAMP
+  frame_id: ''
+joint_names:
+- shoulder
+- elbow
+output:
+  positions: [7.0, 7.5]
+  effort: []
+feedback:
+  positions:
+  - {k}.25
+  - -{k}.5
+  effort:
+  - 3.0
+  - 4.0
+  time_from_start:
+    sec: 0
+multi:
+- name: first
+  values: [1, 2]
+---
+"""
+
+
+def test_a_controllers_state_is_read_by_its_names_of_joints(tmp_path):
+    """Lists have the names that stand above; feedback goes before the output."""
+    text = _STATE.replace("STAMP", _STAMP)
+    file = tmp_path / "log.yml"
+    file.write_text("".join(text.format(k=k) for k in range(SAMPLES)))
+    columns = guess_columns(file, KnownColumns(JOINTS)).columns
+    assert columns.position == "feedback.positions.{joint}"
+    log = read_recording(file, ("shoulder", "elbow"), columns)
+    np.testing.assert_array_equal(log.position[:, 0], np.arange(SAMPLES) + 0.25)
+    np.testing.assert_array_equal(log.torque, np.tile([3.0, 4.0], (SAMPLES, 1)))
+    fields = fields_of(text.format(k=3))
+    assert fields["multi[0].values[1]"] == "2"
+    assert fields["output.positions.elbow"] == "7.5"
+
+
+_STAMP = "stamp:\n    sec: {k}\n    nanosec: 0"
+
+
 def test_a_missing_value_of_yaml_is_one(tmp_path):
     file = tmp_path / "log.txt"
     text = re.sub(r"velocity: \[.*\]", "velocity: [.nan, .NaN]", yaml_of_ros1())
@@ -126,8 +189,9 @@ def test_a_missing_value_of_yaml_is_one(tmp_path):
         read_recording(file, JOINTS, columns)
 
 
-def test_kukas_elements_are_columns(tmp_path):
-    file = tmp_path / "log.txt"
+@pytest.mark.parametrize("suffix", [".txt", ".xml"])
+def test_kukas_elements_are_columns(tmp_path, suffix):
+    file = tmp_path / f"log{suffix}"
     file.write_text(
         "".join(
             f'<Rob Type="KUKA"><AIPos A1="{k}.5" A2="-{k}"/><GearTorque A1="{k}" '

@@ -507,3 +507,10 @@ def test_a_broken_last_row_is_left_out_by_the_option_that_is_named(tmp_path):
     with pytest.raises(RecordingError, match="1 fields, the header has 2") as refused:
         read_recording(file, ["a"], columns)
     assert refused.value.options == "--omit 4"
+
+
+def test_true_and_false_are_one_and_zero(tmp_path):
+    """As pandas writes flags, such as the torque enable of a servo."""
+    log = tmp_path / "log.csv"
+    log.write_text("time,q,enabled\n0,1,True\n1,2,False\n2,3,true\n")
+    assert csv.read_arrays(log, ["enabled"])["enabled"].tolist() == [1.0, 0.0, 1.0]

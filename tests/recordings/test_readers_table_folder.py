@@ -1,9 +1,13 @@
 """One recording in several tables: their clock makes them one."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from logged import write_arm
 
 from consistent_id import Columns, RecordingError, read_recording
+from consistent_id.problems.robot_logs import robot_logs
 from consistent_id.recordings.log_formats import TABLES, log_format
 from consistent_id.recordings.readers import table_folder
 
@@ -96,3 +100,35 @@ def test_runs_of_one_kind_with_like_clocks_stay_apart(tmp_path):
         )
     with pytest.raises(RecordingError, match="no two of its 2 tables"):
         table_folder.array_names(tmp_path)
+
+
+@pytest.mark.parametrize("headed", [True, False])
+def test_tables_whose_clocks_follow_one_another_are_pieces(tmp_path, headed):
+    """Also where only the first names the columns: the others were left out."""
+    time = np.arange(40) * 0.1
+    order = (2, 0, 1)  # of the names of the files
+    for k, part in zip(order, np.split(time, [10, 25]), strict=True):
+        header = "t,hip_position,hip_effort" if headed or k == order[0] else ""
+        values = np.column_stack([part, part**2, -part])
+        path = tmp_path / f"log{k}.csv"
+        np.savetxt(path, values, delimiter=",", header=header, comments="")
+        if not header:
+            path.write_text(path.read_text().lstrip())
+    columns = Columns("t", "{joint}_position", torque="{joint}_effort")
+    log = read_recording(tmp_path, ["hip"], columns)
+    np.testing.assert_allclose(log.time, time)
+    np.testing.assert_allclose(log.torque[:, 0], -time)
+    (note,) = table_folder.notes(tmp_path)
+    assert note.startswith("log2.csv, log0.csv, log1.csv are pieces of one recording")
+
+
+def test_runs_in_a_folder_are_answered_with_the_command_for_each(tmp_path):
+    urdf, log = write_arm(tmp_path)
+    (tmp_path / "runs").mkdir()
+    names = [str(tmp_path / "runs" / f"{k}.csv") for k in "ab"]
+    for name, lines in zip(names, (1000, 1200), strict=True):
+        Path(name).write_text("".join(log.read_text().splitlines(True)[:lines]))
+    with pytest.raises(RecordingError, match="one by one") as caught:
+        robot_logs(urdf, tmp_path / "runs")
+    assert caught.value.options.split() == names
+    assert caught.value.replaces == (str(tmp_path / "runs"),)

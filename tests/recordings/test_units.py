@@ -2,22 +2,32 @@
 
 import math
 import re
+import shlex
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from consistent_id import Columns, RecordingError, read_recording, recording_from
+from consistent_id import (
+    Columns,
+    Recording,
+    RecordingError,
+    read_recording,
+    recording_from,
+)
 from consistent_id.problems.statement_words import units as units_of
 from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.readers.units import (
     KNOWN,
     factors,
+    fraction_unit,
     is_time,
+    split_clock,
     standard_unit,
     unit_of_a_name,
 )
+from consistent_id.recordings.recording import unit_option
 
 # By definition: a turn is 2 pi rad, a minute 60 s.
 FACTORS = {
@@ -37,6 +47,8 @@ FACTORS = {
     ("velocity", "deg·s⁻¹"): math.pi / 180,
     ("velocity", "rad.s-1"): 1.0,
     ("velocity", "deg_s"): math.pi / 180,
+    ("velocity", "mdegps"): math.pi / 180e3,
+    ("velocity", "mradps"): 1e-3,
     ("position", "mdeg"): math.pi / 180e3,
     ("position", "µrad"): 1e-6,
     ("acceleration", "deg.s^-2"): math.pi / 180,
@@ -92,14 +104,19 @@ def test_other_parts_of_a_turn_are_refused(unit):
             Columns(position="q_{joint}", acceleration="ddq_{joint}_ticks"),
             "--units acceleration=rev/COUNTS/s^2",
         ),
+        (
+            Columns(position="q_{joint}", velocity="dq_counts_per_min_{joint}"),
+            "--units velocity=rev/COUNTS/min",
+        ),
     ],
 )
 def test_counts_in_a_name_are_asked_for_the_counts_of_a_turn(tmp_path, names, advice):
     file = tmp_path / "log.csv"
-    header = "time,q_a,q_a_ticks,dq_a [counts/s],ddq_a_ticks"
-    file.write_text(f"{header}\n0,0,0,0,0\n1,1,4096,2,2\n")
-    with pytest.raises(RecordingError, match=re.escape(advice)):
+    header = "time,q_a,q_a_ticks,dq_a [counts/s],ddq_a_ticks,dq_counts_per_min_a"
+    file.write_text(f"{header}\n0,0,0,0,0,0\n1,1,4096,2,2,2\n")
+    with pytest.raises(RecordingError, match=re.escape(advice)) as caught:
         read_recording(file, ["a"], names)
+    assert shlex.split(caught.value.options) == advice.split()
 
 
 def test_a_number_of_time_steps_is_no_count_of_an_encoder(tmp_path):
@@ -248,3 +265,58 @@ def test_what_is_no_unit_of_torque_is_refused(said):
 )
 def test_a_unit_may_stand_before_the_joint(channel, name, unit):
     assert unit_of_a_name(channel, name) == unit
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "is_clock"),
+    [
+        ("time [min]", "min", True),
+        ("time_min", "min", True),
+        ("Time (h)", "h", True),
+        ("t [days]", "day", True),
+        ("q_min", "", False),
+    ],
+)
+def test_minutes_and_hours_are_units_of_clocks_alone(name, unit, is_clock):
+    """A clock in minutes was read in seconds; q_min is the least of an angle."""
+    channel = "time" if is_clock else "position"
+    assert unit_of_a_name(channel, name) == unit
+    assert is_time(name) == is_clock
+
+
+@pytest.mark.parametrize("unit", ["mdegps", "mdps", "mradps"])
+def test_small_units_of_velocity_are_those_of_a_name(unit):
+    """They were taken as rad/s."""
+    assert unit_of_a_name("velocity", f"dq{{number}}_{unit}") in ("mdeg/s", "mrad/s")
+
+
+def test_a_clock_in_two_columns_may_be_named_with_capitals():
+    names = ["TimestampSec", "TimestampNanoSec", "q1"]
+    assert split_clock(names) == "TimestampSec + TimestampNanoSec"
+    assert split_clock(["ZeitInSec", "ZeitInNanoSec"]) == "ZeitInSec + ZeitInNanoSec"
+    assert fraction_unit("log", "TimestampNanoSec") == 1e-9
+    assert fraction_unit("log", "stamp.nanosec") == 1e-9
+
+
+@pytest.mark.parametrize(
+    ("start", "step", "unit"),
+    [
+        (1.7e12, 10.0, "ms"),
+        (1.7e15, 100.0, "us"),  # 10 kHz, not 10 Hz in milliseconds
+        (6.39e17, 1e5, "100ns"),  # from the year 1
+        (1.34e17, 1e5, "100ns"),  # from 1601
+        (1.7e18, 1e6, "ns"),
+        (0.5, 1e-7, "day"),
+    ],
+)
+def test_the_unit_of_a_clock_is_known_by_the_year_from_which_it_counts(
+    start, step, unit
+):
+    times = start + step * np.arange(5)
+    assert unit_option(times) == f"--units time={unit}"
+
+
+def test_stamps_that_are_all_equal_need_a_rate():
+    q = np.arange(5.0)[:, None]
+    with pytest.raises(RecordingError, match="--time RATEHz"):
+        Recording(("a",), np.full(5, 1.7e9), q)

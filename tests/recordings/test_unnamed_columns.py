@@ -197,3 +197,22 @@ def test_without_a_clock_a_rate_is_asked_for_and_used(tmp_path):
     columns = Columns("100Hz", "column{1..2}", torque="column{5..6}")
     log = read_recording(path, JOINTS, columns)
     np.testing.assert_allclose(log.time, np.arange(200) / 100.0, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("clock", "options"),
+    [
+        ("Tick", "--time RATEHz"),  # rows, or milliseconds at 1000 Hz
+        ("duration", "--time duration --units time=ms"),
+    ],
+)
+def test_a_column_that_counts_by_one_is_no_clock_unless_its_name_says_so(
+    tmp_path, clock, options
+):
+    t, q, _, torque = motion()
+    names = [clock, "q1", "q2", "tau1", "tau2"]
+    table = np.column_stack([np.arange(len(t)), q, torque])
+    log = written(tmp_path, table, header=",".join(names), comments="")
+    with pytest.raises(RecordingError) as caught:
+        guess_columns(log, KnownColumns(JOINTS))
+    assert caught.value.options == options

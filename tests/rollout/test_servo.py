@@ -204,6 +204,52 @@ def test_columns_units_gaps_and_full_duty_are_found(pendulum, tmp_path):
         read_servo_logs([written(tmp_path / "n.csv", log, "t,q,x,y")], ("servo",))
 
 
+def test_ticks_that_are_all_positive_need_their_zero(pendulum, tmp_path):
+    """With the zero at half a turn, the weight of the arm had the wrong sign."""
+    log = a_log(pendulum)
+    turn = np.pi  # of 2048 ticks
+    shifted = replace(log, position=log.position + turn, goal=log.goal + turn)
+    unit = 2 * np.pi / 4096
+    file = written(tmp_path / "t.csv", shifted, unit=unit)
+    with pytest.raises(RecordingError, match="none is negative") as caught:
+        read_servo_logs([file], ("servo",), units="ticks")
+    assert caught.value.options == "--zero 2048"
+    (read,) = read_servo_logs([file], ("servo",), units="ticks", zero=[2048])
+    assert np.allclose(read.position, log.position)
+    assert np.allclose(read.goal, log.goal)
+    (read,) = read_servo_logs([file], ("servo",), units="ticks", zero=[0])
+    assert np.allclose(read.position, shifted.position)
+    with pytest.raises(RecordingError, match="zero has 2 numbers"):
+        read_servo_logs([file], ("servo",), units="ticks", zero=[0, 1])
+
+
+def test_whole_numbers_are_answered_with_ticks_and_their_zero(pendulum, tmp_path):
+    log = a_log(pendulum)
+    counts = replace(log, position=np.round(2048 + 2000 * log.position), goal=log.goal)
+    with pytest.raises(RecordingError, match="whole numbers are ticks") as caught:
+        read_servo_logs([written(tmp_path / "t.csv", counts)], ("servo",))
+    assert caught.value.options == "--angles ticks --zero 2048"
+
+
+@pytest.mark.parametrize("name", ["time", "time_ms"])
+def test_times_of_a_servo_are_in_the_unit_of_their_name_or_as_stated(
+    pendulum, tmp_path, name
+):
+    log = a_log(pendulum)
+    names = f"{name},position,goal_position,load"
+    file = written(tmp_path / "t.csv", replace(log, time=log.time), names)
+    table = np.loadtxt(file, delimiter=",", skiprows=1)
+    table[:, 0] *= 1e3
+    np.savetxt(file, table, delimiter=",", header=names, comments="")
+    if name == "time":
+        with pytest.raises(RecordingError, match="or --times ms") as caught:
+            read_servo_logs([file], ("servo",))
+        assert caught.value.options == "--times ms"
+    times = "ms" if name == "time" else None
+    (read,) = read_servo_logs([file], ("servo",), times=times)
+    assert np.allclose(read.time, log.time)
+
+
 def test_each_joint_of_an_arm_has_its_own_columns(tmp_path):
     path = tmp_path / "arm.csv"
     names = "t,action.b,action.a,state.b,state.a,voltage"

@@ -24,6 +24,12 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.files import require_regular, require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import Columns
+from consistent_id.recordings.readers.controller_states import (
+    CONTROLLER_STATE,
+    JOINT_STATE,
+    STATES,
+    joint_states,
+)
 from consistent_id.recordings.readers.jointstate import (
     FIELDS,
     LOG_TIME,
@@ -44,7 +50,7 @@ from consistent_id.recordings.readers.topics import (
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.parameters import did_you_mean
 
-_TYPE = "sensor_msgs/msg/JointState"
+_TYPE = JOINT_STATE
 # Exceptions of the library for files that are cut or overwritten.
 _UNREADABLE = (
     ValueError,
@@ -90,12 +96,15 @@ class StateTopic(NamedTuple):
         Fields that have a value of every name, and a finite one of the robot's joints.
     others : tuple of str
         The bag's other topics of joint states.
+    with_effort : tuple of str
+        Topics of the same joints that have the effort, if this one has none.
     """
 
     name: str
     joints: tuple[str, ...]
     fields: tuple[str, ...] = FIELDS
     others: tuple[str, ...] = ()
+    with_effort: tuple[str, ...] = ()
 
 
 def read_messages(
@@ -140,7 +149,14 @@ def chosen_topic(path: Path, topic: str | None, joints: Sequence[str]) -> StateT
         chosen = _topic(path, bag, topic, joints)
         states = {c.topic for c in bag.connections if c.msgtype == _TYPE}
         (found,) = _named(path, bag, [chosen], joints)
-        return found._replace(others=tuple(sorted(states - {chosen})))
+        found = found._replace(others=tuple(sorted(states - {chosen})))
+        if "effort" in found.fields:
+            return found
+        every = {c.topic for c in bag.connections if c.msgtype in STATES} - {chosen}
+        named = _named(path, bag, sorted(every), joints) if every else []
+        mine = {*found.joints} & {*joints}
+        alike = [t for t in named if "effort" in t.fields and mine <= {*t.joints}]
+        return found._replace(with_effort=tuple(topic.name for topic in alike))
 
 
 def _each_message(
@@ -346,7 +362,8 @@ def _decoder(path: Path, connections: Sequence[Any]) -> Callable[[bytes, str], A
     return decode
 
 
-def _state(log_time: int, state: Any) -> JointMessage:
+def _state(log_time: int, message: Any) -> JointMessage:
+    state = joint_states(message)
     stamp = state.header.stamp
     return JointMessage(
         log_time,
@@ -360,15 +377,21 @@ def _topic(path: Path, bag: Any, topic: str | None, joints: Sequence[str]) -> st
     """Return the requested topic, or the one that names most joints."""
     kinds: dict[str, str] = {c.topic: c.msgtype for c in bag.connections}
     states = [name for name, kind in kinds.items() if kind == _TYPE]
+    of_controllers = [n for n, kind in kinds.items() if kind == CONTROLLER_STATE]
     if topic is not None:
         if topic not in kinds:
             near = did_you_mean(topic, states or kinds)
             raise RecordingError(f"{path}: no topic {topic!r}; {near}")
-        if kinds[topic] != _TYPE:
+        if kinds[topic] not in STATES:
             raise RecordingError(
                 f"{path}: topic {topic!r} is of {kinds[topic]}, expected {_TYPE}"
             )
         return topic
+    if of_controllers:  # only for joints that no joint state names
+        every = _named(path, bag, [*states, *of_controllers], joints)
+        shared = [len(set(joints) & set(one.joints)) for one in every]
+        if max(shared[len(states) :]) > max(shared[: len(states)], default=0):
+            states = of_controllers
     if not states:
         seen = ", ".join(f"{name} ({kind})" for name, kind in kinds.items())
         raise RecordingError(
@@ -401,7 +424,7 @@ def _named(
     messages = bag.messages(connections=connections)
     for connection, _, raw in islice(messages, _LOOKED_AT):
         if seen[connection.topic] < _OF_A_TOPIC:
-            message = decode(raw, connection.msgtype)
+            message = joint_states(decode(raw, connection.msgtype))
             names[connection.topic] |= dict.fromkeys(message.name)
             if not set(joints).isdisjoint(message.name):  # not a gripper's message
                 recorded = {f for f in FIELDS if _is_recorded(message, f, joints)}

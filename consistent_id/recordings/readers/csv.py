@@ -86,6 +86,8 @@ class _CsvHeader:
         What each row has to contain: the names of the joints, of printed messages.
     day_first : bool
         Whether the day is first in dates with slashes.
+    rewritten : bool
+        Whether the text was written anew, so that its lines are not the file's.
     """
 
     names: tuple[str, ...]
@@ -96,6 +98,7 @@ class _CsvHeader:
     worded: "_CsvHeader | None" = None
     repeated: str = ""
     day_first: bool = False
+    rewritten: bool = False
 
 
 def read_arrays(
@@ -124,8 +127,8 @@ def read_arrays(
         If the file is not such a text; with the row and the column of the first fault.
     """
     with _readable(path):
-        text = _text(path)
-        header = _header(path, text, names)
+        text, rewritten = _rewritten(path)
+        header = replace(_header(path, text, names), rewritten=rewritten)
         if date_order(text[:_HEAD]) != DateOrder():
             header = replace(header, day_first=date_order(text).day_first)
         rows = UsedRows(omit, missing=missing)
@@ -210,10 +213,17 @@ def lacks_names(names: Sequence[str]) -> bool:
 
 def _text(path: Path) -> str:
     """Return a file's text as a table: also printed messages and long tables."""
+    return _rewritten(path)[0]
+
+
+def _rewritten(path: Path) -> tuple[str, bool]:
+    """Return a file's text as a table, and whether its rows are not those of lines."""
     text = path.read_bytes().decode(encoding_of(path))
-    if is_printed(text):
+    if printed := is_printed(text):
         text = as_table(text)
-    return as_wide(with_one_header(text))
+    one = with_one_header(text)
+    wide = as_wide(one)
+    return wide, printed or wide is not one
 
 
 def _head(path: Path) -> str:
@@ -361,7 +371,8 @@ def _values(
     used: UsedRows,
 ) -> Matrix:
     """Return the named columns of the rows below a header, shape (rows, names)."""
-    if header.repeated and body.count(header.repeated) < len(body.split("\n")) - 1:
+    lines = body.rstrip().count("\n") + 1
+    if header.repeated and body.count(header.repeated) < lines:
         raise RecordingError(
             f"{path}: not all rows are of the joints {header.repeated}, which the "
             "first row names: write the messages of one topic"
@@ -369,8 +380,8 @@ def _values(
     at = {name: k for k, name in reversed(list(enumerate(header.names)))}
     places = [at[name] for name in names]
     if header.separator == SPACE:
-        lines = body.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-        body = "\n".join(" ".join(line.split()) for line in lines)
+        rows = body.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        body = "\n".join(" ".join(line.split()) for line in rows)
     values = _fast(body, header, places, used.missing)
     if values is None:
         return _exact(path, body, header, places, used)
@@ -451,8 +462,10 @@ def _exact(
                 column = header.names[places[row.index(None)]]
                 fault = f", column {column!r}" + _fault(cells, row, mark, not rows)
         if fault:
-            line = header.line + reader.line_num
-            first = first or f"{path}, row {place} (line {line}){fault}"
+            line = f"line {header.line + reader.line_num}"
+            if header.rewritten:
+                line = "of the table with a row for each instant, not of the file"
+            first = first or f"{path}, row {place} ({line}){fault}"
             lacking = lacking and "" in cells
             broken.append(place)
         rows.append(row)

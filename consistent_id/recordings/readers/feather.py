@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -79,15 +80,29 @@ def notes(path: Path) -> tuple[str, ...]:
 
 def _long(path: Path, table: Any) -> tuple[dict[str, np.ndarray], LongOrder] | None:
     """Return a table with a row for each joint side by side; None of others."""
-    if not (likely := naming_columns(table.schema)):
+    if not naming_columns(table.schema):
         return None
+    state = path.stat()
+    return _read_long(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=1)
+def _read_long(
+    path: Path, changed: int, size: int
+) -> tuple[dict[str, np.ndarray], LongOrder] | None:
+    """Return the table that a file has since it was changed [ns]."""
+    table = _columns(path)[1]
+    likely = naming_columns(table.schema)
     columns = {
         name: numbers_of(table[name], f"{path}: column {name!r}")
         for name in number_columns(table.schema)
     }
     for name in likely:
         columns[name] = np.array(table[name].to_pylist(), dtype=object)
-    return side_by_side(columns)
+    found = side_by_side(columns)
+    for values in found[0].values() if found else ():
+        values.setflags(write=False)
+    return found
 
 
 def array_names(path: Path) -> tuple[str, ...]:

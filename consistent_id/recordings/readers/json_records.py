@@ -23,6 +23,7 @@ from consistent_id.recordings.readers.units import is_time
 
 _NAMES = ("name", "names", "joint_names")
 _LINES = (".jsonl", ".ndjson")
+_MOST_JOINTS = 100  # objects of a list that are joints; more are records
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
@@ -45,11 +46,24 @@ def array_names(path: Path) -> tuple[str, ...]:
 
 def notes(path: Path) -> tuple[str, ...]:
     """Return a sentence on records of a joint each, if they are."""
-    content = _content(path)
+    content = _records(_content(path))
     if not isinstance(content, list) or not all(isinstance(r, dict) for r in content):
         return ()
     found = _long(_lists(content))
     return () if found is None else (found[1].sentence(path.name),)
+
+
+def _records(content: Any) -> Any:
+    """Return the list of records that stands in an object beside a title and the like.
+
+    As it is, if it is none.
+    """
+    if not isinstance(content, Mapping):
+        return content
+    long = [v for v in content.values() if isinstance(v, list)]
+    found = max(long, key=len, default=[])
+    are_records = len(found) > _MOST_JOINTS and isinstance(found[0], Mapping)
+    return found if are_records else content
 
 
 def _lists(content: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
@@ -60,7 +74,7 @@ def _lists(content: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    content = _content(path)
+    content = _records(_content(path))
     if isinstance(content, Mapping):
         lists = dict(_leaves(content))
         if any(isinstance(values, list) for values in lists.values()):
@@ -108,23 +122,34 @@ def _content(path: Path) -> Any:
         raise RecordingError(f"{path}: not readable as JSON: {cause}") from None
 
 
-def _leaves(value: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    names: list[str] = next((value[k] for k in _NAMES if _are_names(value.get(k))), [])
+def _leaves(
+    value: Mapping[str, Any], before: str = "", above: Sequence[str] = ()
+) -> Iterator[tuple[str, Any]]:
+    """Yield paths and values; lists have the names beside them, or above."""
+    beside = (value[k] for k in _NAMES if _are_names(value.get(k)))
+    names: Sequence[str] = next(beside, above)
     for key, inner in value.items():
         if isinstance(inner, Mapping):
-            yield from _leaves(inner, f"{before}{key}.")
+            yield from _leaves(inner, f"{before}{key}.", names)
         elif isinstance(inner, list) and inner and inner is not names:
             yield from _items(f"{before}{key}", inner, names)
         else:
             yield f"{before}{key}", inner
 
 
-def _items(key: str, items: list[Any], names: list[str]) -> Iterator[tuple[str, Any]]:
+def _items(
+    key: str, items: list[Any], names: Sequence[str]
+) -> Iterator[tuple[str, Any]]:
     """Yield a list as a whole, or its items by their names."""
     own = [item.get("name") for item in items if isinstance(item, Mapping)]
     if len(own) == len(items) and _are_names(own):
         for name, item in zip(own, items, strict=True):
             yield from _leaves({**item, "name": None}, f"{key}.{name}.")
+    elif (
+        len(own) == len(items) <= _MOST_JOINTS
+    ):  # an object for each joint, in their order
+        for place, item in enumerate(items):
+            yield from _leaves(item, f"{key}[{place}].")
     elif len(names) == len(items) and not isinstance(items[0], list):
         yield from ((f"{key}.{n}", i) for n, i in zip(names, items, strict=True))
     else:

@@ -6,6 +6,7 @@ elements of the file are consistent.
 """
 
 import math
+import re
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
@@ -38,6 +39,7 @@ _UNREADABLE = (
     UserWarning,
 )
 
+_MOST_STRUCTURES = 100  # of an array, of which each has its arrays
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {*range(1, 8), 9, *range(12, 19)}
 _HEADER = 128
@@ -61,7 +63,8 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
         return arrays
     if fault := _damage(path.read_bytes(), path):
         raise RecordingError(f"{path}: not readable as MATLAB file: {fault}")
-    variables = _loaded(path, [name.replace("/", ".").split(".")[0] for name in names])
+    first = [_variable(name.replace("/", ".").split(".")[0]) for name in names]
+    variables = _loaded(path, first)
     return {name: _field(path, variables, name) for name in names}
 
 
@@ -88,14 +91,31 @@ def array_names(path: Path) -> tuple[str, ...]:
 def _inside(name: str, value: Any) -> list[str]:
     """Return the names of the arrays of numbers in a value, perhaps a structure."""
     fields = getattr(getattr(value, "dtype", None), "names", None)
-    if fields and value.size == 1:
+    if fields and 1 <= value.size <= _MOST_STRUCTURES:
+        parts = [name] if value.size == 1 else [f"{name}({k})" for k in _keys(value)]
         return [
             inner
+            for part, one in zip(parts, value.reshape(-1), strict=True)
             for field in fields
-            for inner in _inside(f"{name}.{field}", value[field].reshape(-1)[0])
+            for inner in _inside(f"{part}.{field}", one[field])
         ]
     numeric = isinstance(value, np.ndarray) and value.dtype.kind in "iufb"
     return [name] if numeric or len(_texts(value)) > 1 else []
+
+
+def _keys(structures: Any) -> list[str]:
+    """Return the labels of structures, as of the signals of Simulink; or numbers."""
+    said = list[str]()
+    for field in ("label", "name", "blockName"):
+        if field in structures.dtype.names and not said:
+            each = [
+                np.asarray(one[field]).reshape(-1) for one in structures.reshape(-1)
+            ]
+            said = [str(t[0]) for t in each if len(t) == 1 and t.dtype.kind == "U"]
+    distinct = len({*said}) == structures.size
+    if distinct and all(re.fullmatch(r"\w+", label) for label in said):
+        return said
+    return [str(k) for k in range(1, structures.size + 1)]
 
 
 def labels(path: Path, name: str) -> tuple[str, ...]:
@@ -106,7 +126,7 @@ def labels(path: Path, name: str) -> tuple[str, ...]:
     if fault := _damage(path.read_bytes(), path):
         raise RecordingError(f"{path}: not readable as MATLAB file: {fault}")
     first, *_ = name.split(".")
-    return _texts(_value(path, _loaded(path, [first]), name))
+    return _texts(_value(path, _loaded(path, [_variable(first)]), name))
 
 
 def _texts(value: Any) -> tuple[str, ...]:
@@ -176,18 +196,35 @@ def _field(path: Path, variables: dict[str, Any], name: str) -> NDArray[Any]:
 
 
 def _value(path: Path, variables: dict[str, Any], name: str) -> Any:
-    """Return a variable, or a field of structures."""
-    first, *fields = name.replace("/", ".").split(".")
-    value, seen = variables[first], first
-    for field in fields:
+    """Return a variable, or a field of structures, of arrays of them by their key."""
+    first, *parts = name.replace("/", ".").split(".")
+    seen = _variable(first)
+    value = _one_of(variables[seen], first)
+    for part in parts:
+        field = _variable(part)
         known = getattr(getattr(value, "dtype", None), "names", None) or ()
         require_known([field], known, f"{path}: {seen!r} has no field", RecordingError)
         if value.size != 1:
             raise RecordingError(
                 f"{path}: {seen!r} is an array of {value.size} structures, expected one"
             )
-        value, seen = value[field].reshape(-1)[0], f"{seen}.{field}"
+        value = _one_of(value[field].reshape(-1)[0], part)
+        seen = f"{seen}.{part}"
     return value
+
+
+def _variable(part: str) -> str:
+    """Return the name in a part of a path, without the key of a structure."""
+    return part.partition("(")[0]
+
+
+def _one_of(value: Any, part: str) -> Any:
+    """Return the structure of an array with the key in a part; else the value."""
+    key = part.partition("(")[2].removesuffix(")")
+    if not key or getattr(getattr(value, "dtype", None), "names", None) is None:
+        return value
+    keys = _keys(value)
+    return value.reshape(-1)[keys.index(key)].reshape(-1) if key in keys else value
 
 
 def _damage(content: bytes, where: object = "file") -> str | None:

@@ -49,6 +49,7 @@ _log = logging.getLogger(__name__)
 Arrays = Mapping[str, NDArray[Any]]
 
 
+_LYING = 10  # columns over rows, from which on columns are samples
 _PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
 
 
@@ -302,7 +303,13 @@ def read_parts(
         If there is no such array, or it has no such columns.
     """
     given = (rows.omit, rows.missing) if log_format(path).is_text else ()
-    arrays = reader.read_arrays(path, stored_names(names), *given)
+    arrays = dict(reader.read_arrays(path, stored_names(names), *given))
+    for name, values in arrays.items():
+        if values.ndim > 2:  # such as 6 x 1 x samples, of Simulink
+            arrays[name] = values.squeeze()
+    for name in {stored_name(part) for part in names if _PART.fullmatch(part)}:
+        if (whole := arrays[name]).ndim == 2 and whole.shape[1] > _LYING * len(whole):
+            arrays[name] = whole.T  # samples in columns, as Drake's logs have them
     return parts_of(arrays, names, path)
 
 

@@ -13,10 +13,13 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from consistent_id.recordings.readers.yaml_messages import fields_of
+
 _CHANNELS = ("position", "velocity", "effort")
 _STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 _BEFORE_NAMES = 3  # fields of a header: seconds, nanoseconds, frame
 _NAMED = re.compile(r"(?P<before>.*?)name(?P<after>[._\[]*)(?P<number>\d+)\]?$")
+_COUNTED = re.compile(r"[._\[]?\d+\]?$")  # the number that ends a name
 _INTEGER = re.compile(r"\d+")
 
 _YAML = re.compile(r"\A(?:---\s+)?header:\s*\n\s+(?:seq|stamp):", re.MULTILINE)
@@ -60,8 +63,11 @@ def named_columns(first: Sequence[str], second: Sequence[str]) -> NamedColumns |
     ('name0', 'name1', 'position.hip', 'position.knee')
     >>> named_columns(["%time", "name0", "effort0"], ["17", "hip", "0.1"]).names
     ('%time', 'name0', 'effort.hip')
+    >>> named_columns(["t", "name", "q_0", "q_1"], ["17", "['b', 'a']", "1", "2"]).names
+    ('t', 'name', 'q.b', 'q.a')
     """
-    return _without_header(first) or _with_header(first, second)
+    found = _without_header(first) or _with_header(first, second)
+    return found or _with_list(first, second)
 
 
 def _without_header(line: Sequence[str]) -> NamedColumns | None:
@@ -107,12 +113,38 @@ def _with_header(first: Sequence[str], second: Sequence[str]) -> NamedColumns | 
     return None if names == tuple(first) else NamedColumns(names, joints, is_row=False)
 
 
+def _with_list(first: Sequence[str], second: Sequence[str]) -> NamedColumns | None:
+    """Replace the numbers of columns by the names in a list below, as of bagpy.
+
+    Columns count the list's names from 0, as ``position_0``.
+    """
+    if len(first) != len(second):
+        return None
+    joints, place = _joints(second)
+    if len(joints) < 2:  # a list of one says nothing of an order
+        return None
+    said = {
+        f"{before}{mark}{k}{end}": f"{before}.{joint}"
+        for before in {_COUNTED.sub("", name) for name in first}
+        for mark, end in (("_", ""), (".", ""), ("", ""), ("[", "]"))
+        for k, joint in enumerate(joints)
+        if all(f"{before}{mark}{n}{end}" in first for n in range(len(joints)))
+    }
+    names = tuple(said.get(name, name) for name in first)
+    return NamedColumns(names, (second[place],), is_row=False) if said else None
+
+
 def _is_number(text: str) -> bool:
     try:
         float(text)
     except ValueError:
         return False
     return True
+
+
+def is_element(text: str) -> bool:
+    """Return whether a text begins with an element of KUKA's interface."""
+    return _XML.match(text) is not None
 
 
 def is_printed(text: str) -> bool:
@@ -136,11 +168,14 @@ def as_table(text: str) -> str:
     else:
         parts = re.split(r"^---\s*$", text, flags=re.MULTILINE)
         rows = [row for part in parts for row in _of_yaml(part)]
-    sizes = Counter({names: 0 for names in map(tuple, rows)})
+        rows = rows or [row for row in map(fields_of, parts) if row]
+    sizes = Counter({frozenset(row): 0 for row in rows})
     for row in rows:
-        sizes[tuple(row)] += len(row)
-    names = max(sizes, key=sizes.__getitem__, default=())
-    lines = [",".join(row.values()) for row in rows if tuple(row) == names]
+        sizes[frozenset(row)] += len(row)
+    most = max(sizes, key=sizes.__getitem__, default=frozenset())
+    used = [row for row in rows if frozenset(row) == most]
+    names = list(used[0]) if used else []  # their order may differ from row to row
+    lines = [",".join(row[name] for name in names) for row in used]
     return "\n".join([",".join(names), *lines, ""])
 
 

@@ -73,15 +73,16 @@ def read_recording(
     Parameters
     ----------
     path : str or Path
-        CSV (``.csv``, ``.tsv``, ``.txt``, ``.dat``; comma, semicolon, tab or spaces; a
-        decimal comma where the comma does not separate), Parquet (``.parquet``), a
-        LeRobot data set (its folder, or a file of it), Feather (``.feather``,
-        ``.arrow``), NPZ (``.npz``), NPY (``.npy``), JSON (``.json``, ``.jsonl``,
-        ``.ndjson``), HDF5 (``.h5``, ``.hdf5``), MATLAB (``.mat``), PyTorch (``.pt``,
-        ``.pth``: tensors of ``torch.save``); a folder of tables with one clock, side by
-        side; a ROS bag with ``sensor_msgs/JointState`` (``.mcap``, ``.db3``, ``.bag``
-        or a folder). `BesideColumns` name fields of other topics as ``TOPIC.FIELD``,
-        such as ``"/imu/data.angular_velocity"``.
+        CSV (``.csv``, ``.tsv``, ``.txt``, ``.dat``, ``.asc``, ``.log``, ``.lvm``,
+        ``.prn``; comma, semicolon, tab or spaces; a decimal comma where the comma does
+        not separate; printed messages, also ``.yaml``, ``.yml``, ``.xml``), Parquet
+        (``.parquet``), a LeRobot data set (its folder, or a file of it), Feather
+        (``.feather``, ``.arrow``), NPZ (``.npz``), NPY (``.npy``), JSON (``.json``,
+        ``.jsonl``, ``.ndjson``), HDF5 (``.h5``, ``.hdf5``), MATLAB (``.mat``), PyTorch
+        (``.pt``, ``.pth``: tensors of ``torch.save``); a folder of tables with one
+        clock, side by side; a ROS bag with ``sensor_msgs/JointState`` (``.mcap``,
+        ``.db3``, ``.bag`` or a folder). `BesideColumns` name fields of other topics as
+        ``TOPIC.FIELD``, such as ``"/imu/data.angular_velocity"``.
     joints : sequence of str
         Names of the joints to read.
     columns : Columns

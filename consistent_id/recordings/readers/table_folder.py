@@ -5,10 +5,15 @@ if they have as many rows.  If no clocks are equal, tables of other columns whos
 cover the same time are one: they are interpolated to the slowest of these clocks, and
 values are NaN where a table has none.  The largest such group is read, and the others
 are named.
+
+Tables of the same columns whose clocks follow one another are pieces of one recording,
+one after another; only the first needs the names of the columns.
 """
 
+import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +23,7 @@ from consistent_id._support.arrays import Vector
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import log_format, tables_in
 from consistent_id.recordings.readers.columns import require
+from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.units import is_time
 
@@ -43,6 +49,10 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     RecordingError
         If there is no such column, or no two tables have one clock.
     """
+    if pieces := _pieces(path):
+        require(str(path), names, tuple(pieces[0].columns))
+        each = [piece.read(names) for piece in pieces]
+        return {name: np.concatenate([one[name] for one in each]) for name in names}
     parts = _parts(path)
     places, clock = _places(parts), _slowest(parts)
     require(str(path), names, tuple(places))
@@ -58,11 +68,16 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
 
 def array_names(path: Path) -> tuple[str, ...]:
     """Return the names of all columns; a name of several tables follows its table's."""
+    if pieces := _pieces(path):
+        return tuple(pieces[0].columns)
     return tuple(_places(_parts(path)))
 
 
 def notes(path: Path) -> tuple[str, ...]:
     """Return sentences on the tables that are read, and on those that are not."""
+    if pieces := _pieces(path):
+        said = ", ".join(piece.file.name for piece in pieces)
+        return (f"{said} are pieces of one recording, one after another",)
     parts = _parts(path)
     files, clock = [part.file for part in parts], _slowest(parts)
     moved = ", ".join(p.file.name for p in parts if not _has_clock(p, clock))
@@ -120,9 +135,50 @@ def _parts(path: Path) -> list[_TablePart]:
     if len(best) < 2:
         raise RecordingError(
             f"{path}: no two of its {len(tables)} tables have the same clock, so they "
-            "are no single recording; give the files one by one"
+            "are no single recording; give the files one by one",
+            options=" ".join(shlex.quote(str(part.file)) for part in tables),
+            replaces=[str(path)],
         )
     return best
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """A table of a recording in pieces, its clock, and its columns by their names."""
+
+    file: Path
+    columns: dict[str, str]
+    time: Vector
+
+    def read(self, names: Sequence[str]) -> Arrays:
+        """Return columns by the names that they have in all pieces."""
+        own = [self.columns[name] for name in names]
+        read = log_format(self.file).reader(self.file).read_arrays(self.file, own)
+        return {
+            name: np.asarray(read[column])
+            for name, column in zip(names, own, strict=True)
+        }
+
+
+def _pieces(path: Path) -> list[_Piece]:
+    """Return the tables that are pieces of one recording, in their order; or none."""
+    tables = [part for file in tables_in(path) if (part := _part(file)) is not None]
+    head = next((part for part in tables if part.clock is not None), None)
+    if head is None or head.clock is None or len(tables) < 2:
+        return []
+    found = []
+    for part in tables:
+        columns = dict(zip(head.names, part.names, strict=False))
+        if set(part.names) == set(head.names):
+            columns = {name: name for name in head.names}
+        elif not lacks_names(part.names) or len(part.names) != len(head.names):
+            return []
+        piece = _Piece(part.file, columns, part.time)
+        time = np.asarray(piece.read([head.clock])[head.clock])
+        found.append(replace(piece, time=time))
+    found.sort(key=lambda piece: float(piece.time[0]))
+    follow = all(one.time[-1] < after.time[0] for one, after in pairwise(found))
+    return found if follow else []
 
 
 def _part(file: Path) -> _TablePart | None:

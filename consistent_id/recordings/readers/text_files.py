@@ -9,13 +9,25 @@ _UTF_16, _WINDOWS = "utf-16", "cp1252"
 _CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 _HEAD = 2**22  # bytes that show the encoding
 
+_DECIMAL_COMMA = re.compile(r"\s*(?:[-+]?\d*(?:,\d+)?(?:[eE][-+]?\d+)?)?\s*")
 SEPARATORS = (",", ";", "\t")
 SPACE = " "
 """It separates where no other mark does: names may contain spaces."""
 
 
 def separator_of(line: str) -> str:
-    """Return the separator that stands in a line most often; else a space."""
+    """Return the separator that stands in a line most often; else a space.
+
+    Commas are decimal if all fields between other marks are numbers with them.
+
+    Examples
+    --------
+    >>> separator_of("0,5;1,5"), separator_of("q (rad, deg);tau"), separator_of("0,1;2")
+    (';', ',', ';')
+    """
+    for mark in SEPARATORS[1:]:
+        if mark in line and all(map(_DECIMAL_COMMA.fullmatch, line.split(mark))):
+            return mark
     mark = max(SEPARATORS, key=line.count)
     return mark if mark in line else SPACE
 

@@ -13,12 +13,13 @@ _LOCAL = re.compile(
     r"(?: ?(?P<half>[APap])[Mm])?"
 )
 _SLASHED = re.compile(r"(?<![\d/])(\d\d?)/(\d\d?)/(\d{4})(?=[T ])")
+_FLAGS = {"true": 1.0, "false": 0.0}
 _MONTHS = 12
 _SECONDS_OF = {"sec": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "hr": 3600.0}
 _DURATION = re.compile(
     rf"(?P<number>[-+]?\d+\.?\d*(?:e[-+]?\d+)?) ?(?P<unit>{'|'.join(_SECONDS_OF)})"
     r"|(?:(?P<days>\d+) days? \+?)?(?:(?P<hours>\d+):)?(?P<minutes>\d\d?):"
-    r"(?P<seconds>\d\d?(?:\.\d+)?)"
+    r"(?P<seconds>\d\d?(?:\.\d+)?)(?: ?(?P<half>[APap])[Mm])?"
 )
 
 
@@ -106,7 +107,7 @@ def number(cell: str, mark: str | None, day_first: bool = False) -> float | None
             return _seconds_of_date(cell)
         if _LOCAL.match(cell):
             return _seconds_of_local(cell, day_first)
-        return _duration(cell)
+        return _FLAGS.get(cell.lower(), _duration(cell))
 
 
 def _is_date(cell: str) -> bool:
@@ -114,12 +115,14 @@ def _is_date(cell: str) -> bool:
 
 
 def _duration(cell: str) -> float | None:
-    """Return the seconds of a duration, as MATLAB's timetables and pandas write them.
+    """Return the seconds of a duration, as MATLAB and pandas write them, or of a day.
 
     Examples
     --------
     >>> _duration("0.25 sec"), _duration("01:00:02.5"), _duration("0 days 00:00:01")
     (0.25, 3602.5, 1.0)
+    >>> _duration("12:00:01 AM"), _duration("1:00:00 pm")  # a time of the day
+    (1.0, 46800.0)
     """
     found = _DURATION.fullmatch(cell)
     if found is None:
@@ -127,6 +130,8 @@ def _duration(cell: str) -> float | None:
     if found["number"] is not None:
         return float(found["number"]) * _SECONDS_OF[found["unit"]]
     days, hours = (float(found[part] or 0.0) for part in ("days", "hours"))
+    if found["half"]:
+        hours = hours % 12 + 12 * (found["half"] in "Pp")
     minutes, seconds = float(found["minutes"]), float(found["seconds"])
     return 86400.0 * days + 3600.0 * hours + 60.0 * minutes + seconds
 

@@ -6,6 +6,7 @@ evenly spaced and the log has no clock, their rate, ``5000Hz``.
 
 import math
 import re
+import shlex
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 
@@ -19,6 +20,7 @@ Units = Mapping[str, str | Sequence[str]]
 """Unit by channel: one for all joints, or one each."""
 
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+_TIMES |= {"h": 3600.0, "day": 86400.0, "100ns": 1e-7}
 _ANGLES = {
     "rad": 1.0,
     "mrad": 1e-3,
@@ -35,6 +37,7 @@ _KGF, _LBF = 9.80665, 4.4482216152605  # N, by definition; an inch is 25.4 mm
 _TORQUES |= {"kgf cm": 1e-2 * _KGF, "kgf m": _KGF}
 _TORQUES |= {"lbf in": 0.0254 * _LBF, "lbf ft": 0.3048 * _LBF}
 _TORQUES |= {"ozf in": 0.0254 * _LBF / 16.0}
+_OF_FORCES = ("N", "mN", "kN")
 # Converted to torque only by a gain: shares of the rated torque, and currents.
 _BY_GAIN = {"%": 1e-2, "permille": 1e-3, "A": 1.0, "mA": 1e-3}
 _VELOCITIES = {f"{unit}/s": factor for unit, factor in _MOTIONS.items()}
@@ -68,12 +71,17 @@ _SPELT = {
         "urad": "µrad μrad",
         "deg/s": "dps degps",
         "rad/s": "radps",
+        "mdeg/s": "mdegps mdps",
+        "mrad/s": "mradps",
         "mm/s": "mmps",
         "mm": "millimeter millimeters millimetre millimetres",
         "s": "sec secs second seconds",
         "ms": "msec msecs millisecond milliseconds",
         "us": "µs μs usec usecs microsecond microseconds",
         "ns": "nsec nsecs nanosecond nanoseconds",
+        "min": "mins minute minutes",
+        "h": "hr hrs hour hours",
+        "day": "days",
         "%": "percent pct",
         "permille": "‰",
         "A": "amp ampere",
@@ -101,13 +109,17 @@ _OF_A_TURN = re.compile(r"rev\s*/\s*(?P<counts>[1-9]\d*(?:\.\d+)?(?:e\+?\d\d?)?)
 _NOT_TIME = (
     "ms|msecs?|milliseconds?|us|µs|μs|usecs?|microseconds?|ns|nsecs?|nanoseconds?"
 )
+_LAST_TIME = re.compile(
+    rf"[\[(_ ]\s*({_NOT_TIME}|min|mins|minutes?|h|hrs?|hours?|days?)\s*[\])]?$",
+    re.IGNORECASE,
+)
 _COUNTS = r"counts?|ticks?|pulses?|incs?|increments?|steps"  # of an encoder
 _NOT_MOTION = (
     "°|degs?|degrees?|rpm|revs?|revolutions?|turns?|mm|cm|millimet(?:er|re)s?|"
-    f"m(?:deg|rad)|[uµμ]rad|degps|dps|{_COUNTS}"
+    f"m(?:deg|rad)|[uµμ]rad|m?degps|m?dps|mradps|{_COUNTS}"
 )
 _EACH = (
-    r"(?:\s*(?:/|per|_per_|_)\s*s(?:ec)?(?:\^?2|²|\^?3)?"
+    r"(?:\s*(?:/|per|_per_|_)\s*(?:s(?:ec)?(?:\^?2|²|\^?3)?|min(?:ute)?)"
     r"|[ .·*]?s\^?[{(]?[-⁻][12¹²][)}]?)?"
 )
 _UNIT = re.compile(f"(?:{_NOT_TIME}|(?:{_NOT_MOTION}){_EACH})", re.IGNORECASE)
@@ -159,8 +171,12 @@ _FRACTIONS = {
 }
 _LISTED = re.compile(r"\{(?P<items>[^{}]*,[^{}]*)\}")  # a word for each joint
 RATE = "RATEHz"  # in place of a rate that no log holds
+COUNTS = "COUNTS"  # in place of those of a turn
 _SECONDS = ("s", "sec", "secs", "second", "seconds")
-_LAST_WORD = re.compile(r"[A-Za-z]+$")
+_LAST_HUMP = re.compile(r"(?:(?<![A-Za-z])|(?<=[a-z])(?=[A-Z]))[A-Za-z][a-z]*$")
+_ENDS = tuple(  # of the name of a fraction: a word, or one or two words with capitals
+    map(re.compile, (r"[A-Za-z]+$", r"[A-Z][a-z]*[A-Z][a-z]*$", _LAST_HUMP.pattern))
+)
 
 
 def standard_unit(channel: str, unit: str) -> str:
@@ -267,11 +283,10 @@ def unit_of_a_name(channel: str, pattern: str) -> str:
     if len(each := listed_names(pattern)) > 1:
         return next(filter(None, (unit_of_a_name(channel, one) for one in each)), "")
     name = _TAIL.sub("", re.sub(r"\{[^}]*\}", "", pattern))
-    found = (_LAST_TORQUE if channel.startswith("torque") else _LAST).search(name)
+    last = {"to": _LAST_TORQUE, "ti": _LAST_TIME}.get(channel[:2], _LAST)
+    found = last.search(name)
     if found is None:
         return ""
-    if channel == "time" and _is_count(found[1]):
-        return ""  # a number of samples has no unit, and no factor to seconds
     for said in (found[1], found[1] + _per(channel)):  # left out in many names
         with suppress(RecordingError):
             return standard_unit(channel, said)
@@ -298,14 +313,16 @@ def refuse_units_of_a_name(where: str, channel: str, pattern: str) -> None:
     if said := unit_of_a_name(channel, pattern):
         unit, why = said, ""
         if _is_count(said):
-            unit = f"rev/COUNTS{_per(channel)}"
+            minutes = re.search(r"min(?:ute)?$", said) is not None
+            unit = f"rev/{COUNTS}{'/min' if minutes else _per(channel)}"
             why = ", with the counts of a turn of the joint"
         raise RecordingError(
             f"{where}: column {pattern!r} contains {said!r}; values are read in s, "
             f"rad and m, not converted, unless a unit is stated{why}: "
             f"--units {channel}={unit}; in a problem file "
             f'units = {{ {channel} = "{unit}" }} in [data]; in Python '
-            f"Columns(units={{{channel!r}: {unit!r}}})"
+            f"Columns(units={{{channel!r}: {unit!r}}})",
+            options=f"--units {shlex.quote(f'{channel}={unit}')}",
         )
 
 
@@ -323,6 +340,21 @@ def is_unit(text: str) -> bool:
     return False
 
 
+def is_unit_of(channel: str, text: str) -> bool:
+    """Return whether a text is a unit of a channel, and of no force or current.
+
+    Examples
+    --------
+    >>> is_unit_of("torque", "Nm"), is_unit_of("torque", "A")
+    (True, False)
+    """
+    if channel == "torque" and (text in _OF_FORCES or text in _BY_GAIN):
+        return False
+    with suppress(RecordingError):
+        return bool(standard_unit(channel, text))
+    return False
+
+
 def is_any_unit(text: str) -> bool:
     """Return whether a text is a unit of any channel, of the clock too."""
     for channel in KNOWN:
@@ -336,7 +368,9 @@ def is_other_unit(text: str) -> bool:
     return _UNIT.fullmatch(text.strip()) is not None
 
 
-_UNIT_OF_TIME = re.compile(r"[\s_]*[\[(]?\b(ms|us|ns|s|sec|seconds)[\])]?$")
+_UNIT_OF_TIME = re.compile(
+    r"[\s_]*[\[(]?\b(ms|us|ns|s|sec|seconds|min|minutes|h|hours|days?)[\])]?$"
+)
 
 
 def is_time(name: str) -> bool:
@@ -370,9 +404,11 @@ def split_clock(names: Collection[str]) -> str | None:
     --------
     >>> split_clock(["header.stamp.sec", "header.stamp.nanosec", "position0"])
     'header.stamp.sec + header.stamp.nanosec'
+    >>> split_clock(["TimestampSec", "TimestampNanoSec"])
+    'TimestampSec + TimestampNanoSec'
     """
     for name in names:
-        last = _LAST_WORD.search(name)
+        last = _LAST_HUMP.search(name)
         if last is None or last[0].lower() not in _SECONDS:
             continue
         stem = name[: last.start()]
@@ -411,8 +447,9 @@ def fraction_unit(where: str, name: str) -> float:
     RecordingError
         If its name does not end in one.
     """
-    last = _LAST_WORD.search(name)
-    factor = _FRACTIONS.get("" if last is None else last[0].lower())
+    words = (last[0] for end in _ENDS if (last := end.search(name)) is not None)
+    known = (_FRACTIONS.get(word.lower()) for word in words)
+    factor = next((factor for factor in known if factor is not None), None)
     if factor is None:
         raise RecordingError(
             f"{where}: no unit ends {name!r}, expected the fraction of a second of a "

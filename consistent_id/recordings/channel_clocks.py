@@ -1,0 +1,80 @@
+"""Clocks of channels: a log whose torque has another clock than its position.
+
+Such a clock has a part of its channel's name, as ``tau_time`` beside ``tau1`` or
+``drive/time`` beside ``drive/torque``.  Its samples are not those of the positions,
+even if they are as many.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.log_formats import log_format
+from consistent_id.recordings.readers.columns import Columns
+from consistent_id.recordings.readers.recording_file import reader_of
+from consistent_id.recordings.readers.units import is_time
+
+_WORD = r"(?:time|timestamps?|stamp|clock|t|ts|zeit)"
+_BEFORE = re.compile(rf"{_WORD}[_./ ]+(?P<stem>.+)", re.IGNORECASE)
+_AFTER = re.compile(rf"(?P<stem>.+)[_./ ]+{_WORD}", re.IGNORECASE)
+
+
+def stem_of_clock(name: str) -> str:
+    """Return the channel or group in the name of a clock; empty of none.
+
+    Examples
+    --------
+    >>> stem_of_clock("t_tau"), stem_of_clock("drive/time"), stem_of_clock("time")
+    ('tau', 'drive', '')
+    """
+    found = _AFTER.fullmatch(name) or _BEFORE.fullmatch(name)
+    return "" if found is None or is_time(found["stem"]) else found["stem"]
+
+
+def own_clock(column: str, clocks: Sequence[str]) -> str | None:
+    """Return the clock whose name has the beginning of a column's, if one has.
+
+    Examples
+    --------
+    >>> own_clock("q{number}", ["time", "t_q", "t_tau"])
+    't_q'
+    """
+    owned = [
+        name
+        for name in clocks
+        if (stem := stem_of_clock(name))
+        and re.match(rf"{re.escape(stem)}(?![a-zA-Z])", column, re.IGNORECASE)
+    ]
+    return max(owned, key=len, default=None)
+
+
+def require_one_clock(log: Path, names: Sequence[str], found: Columns) -> None:
+    """Refuse a log whose torques or velocities have another clock than its positions.
+
+    Raises
+    ------
+    RecordingError
+        With a form of the log that is read.
+    """
+    clocks = [name for name in names if stem_of_clock(name)]
+    if len(clocks) < 2 or found.position is None:
+        return
+    first = own_clock(found.position, clocks)
+    for channel in ("velocity", "torque"):
+        column = getattr(found, channel)
+        other = None if column is None else own_clock(column, clocks)
+        if first is None or other in (None, first):
+            continue
+        lenient = {"missing": "omit"} if log_format(log).is_text else {}
+        read = reader_of(log).read_arrays(log, [first, other], **lenient)
+        one, two = (np.asarray(read[name]).reshape(-1) for name in (first, other))
+        if not np.array_equal(one, two):
+            raise RecordingError(
+                f"{log}: the position has the clock {first}, the {channel} {other}, "
+                "and their times differ. A table has one clock: write each of these "
+                "channels with its clock into a table of its own, and give their "
+                "folder, which is read as one recording on the slower clock"
+            )

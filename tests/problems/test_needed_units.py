@@ -1,0 +1,102 @@
+"""Units that a log's numbers show are proposed with all that the log needs besides."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from logged import write_arm
+
+from consistent_id import draft_problem
+from consistent_id.errors import RecordingError
+from consistent_id.problems.needed_units import joined_options
+from consistent_id.problems.nominal_gains import NominalGains
+from consistent_id.problems.robot_logs import robot_logs
+from consistent_id.problems.statement import Statement
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """Return the robot's file, and the log as it is in its CSV file."""
+    urdf, log = write_arm(tmp_path_factory.mktemp("arm"))
+    return urdf, robot_logs(urdf, log).read(log)
+
+
+def _csv(folder, log, *, clock="time", time=None, scale=1.0):
+    """Write positions and torques under the log's own names."""
+    own = ("a", "b")
+    names = [clock, *(f"{n} pos" for n in own), *(f"{n} torque" for n in own)]
+    time = log.time if time is None else time
+    table = np.column_stack([time, scale * log.position, log.torque])
+    path = folder / "own.csv"
+    np.savetxt(path, table, "%.17g", ",", header=",".join(names), comments="")
+    return path
+
+
+def _options(urdf, path):
+    with pytest.raises(RecordingError) as caught:
+        robot_logs(urdf, path)
+    return caught.value.options
+
+
+def test_milliseconds_and_degrees_are_proposed_beside_names(arm, tmp_path):
+    """One command has all; gains of a log in another unit would be wrong."""
+    urdf, log = arm
+    path = _csv(tmp_path, log, time=1000 * log.time, scale=np.degrees(1.0))
+    options = _options(urdf, path)
+    assert options == "--names a=shoulder b=elbow --units time=ms deg"
+    assert _options(urdf, _csv(tmp_path, log)) == "--names a=shoulder b=elbow"
+
+
+def test_each_option_has_all_its_values():
+    options = ["--units time=ms --torque-gain 1 1", "--position 'q{1..2}'", "--units %"]
+    assert joined_options(options) == (
+        "--units time=ms % --torque-gain 1 1 --position 'q{1..2}'"
+    )
+
+
+def test_days_of_a_spreadsheet_are_answered_with_their_unit(arm, tmp_path):
+    urdf, log = arm
+    path = _csv(tmp_path, log, time=log.time / 86400.0)
+    with pytest.raises(RecordingError, match="look like days: --units time=day"):
+        robot_logs(urdf, path, Statement(names=_NAMES)).read(path)
+
+
+_NAMES = {"a": "shoulder", "b": "elbow"}
+
+
+def test_gains_of_no_unit_are_not_proposed():
+    joints, sure = ("a", "b", "c"), np.full(3, 1e-3)
+    small = NominalGains(joints, np.full(3, 1e-9), sure, (True,) * 3)
+    assert not small.far
+    assert NominalGains(joints, np.full(3, 1e-3), sure, (True,) * 3).far
+
+
+def test_counts_of_encoders_are_proposed_with_their_zero(arm, tmp_path):
+    urdf, log = arm
+    counts = np.round(2048.0 + log.position / (2.0 * np.pi) * 4096.0)
+    path = _csv(tmp_path, replace(log, position=counts))
+    assert _options(urdf, path) == (
+        "--names a=shoulder b=elbow --units position=rev/4096 "
+        "--position-offset shoulder=-3.14159 elbow=-3.14159"
+    )
+
+
+def test_counts_in_two_names_are_asked_for_at_once(arm, tmp_path):
+    urdf, log = arm
+    names = ["time", "q1_ticks", "q2_ticks", *(f"dq{k}_counts_per_min" for k in (1, 2))]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([log.time, log.position, log.position, log.torque])
+    header = ",".join([*names, "tau1", "tau2"])
+    np.savetxt(path, table, "%.9g", ",", header=header, comments="")
+    with pytest.raises(RecordingError) as caught:
+        draft_problem(urdf, path, select=False)
+    units = "--units position=rev/COUNTS velocity=rev/COUNTS/min"
+    assert caught.value.options == units
+
+
+def test_the_only_columns_of_own_names_without_a_word_may_be_torques(arm, tmp_path):
+    urdf, log = arm
+    path = _csv(tmp_path, log)
+    path.write_text(path.read_text().replace("torque", "load"))
+    options = _options(urdf, path)
+    assert options == "--names a=shoulder b=elbow --torque '{joint} load'"

@@ -1,0 +1,68 @@
+"""A log whose channels have clocks of their own is refused, if these differ."""
+
+import numpy as np
+import pytest
+
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.channel_clocks import own_clock, stem_of_clock
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+
+JOINTS = ("a", "b")
+TIME = np.arange(50) * 0.01
+Q = np.column_stack([np.sin(TIME), np.cos(TIME)])
+
+
+def write(folder, kind, shift, rows=50):
+    """Write positions and torques with a clock each."""
+    later = TIME[:rows] + shift
+    if kind == "npz":
+        path = folder / "log.npz"
+        np.savez(path, q_time=TIME, q=Q, tau_time=later, tau=Q[:rows])
+    elif kind == "hdf5":
+        import h5py
+
+        path = folder / "log.h5"
+        with h5py.File(path, "w") as file:
+            file["joint/time"], file["joint/position"] = TIME, Q
+            file["drive/time"], file["drive/torque"] = later, Q[:rows]
+    else:
+        path = folder / "log.csv"
+        lines = ["t_q,q1,q2,t_tau,tau1,tau2"]
+        for k in range(len(TIME)):
+            last = [later[k], *Q[k]] if k < rows else [""] * 3
+            lines.append(",".join(map(str, [TIME[k], *Q[k], *last])))
+        path.write_text("\n".join(lines))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["npz", "hdf5", "csv"])
+@pytest.mark.parametrize(("shift", "rows"), [(0.3, 50), (0.0, 40)])
+def test_a_torque_of_another_clock_is_not_read_as_if_of_the_positions(
+    tmp_path, kind, shift, rows
+):
+    """A rate was proposed, with which the torque was 0.3 s early in silence."""
+    path = write(tmp_path, kind, shift, rows)
+    channels = {} if kind == "hdf5" else {"time": "q_time" if kind == "npz" else "t_q"}
+    with pytest.raises(RecordingError, match="their times differ"):
+        guess_columns(path, KnownColumns(JOINTS, channels))
+
+
+@pytest.mark.parametrize("kind", ["npz", "hdf5", "csv"])
+def test_equal_clocks_are_one(tmp_path, kind):
+    path = write(tmp_path, kind, 0.0)
+    if kind != "hdf5":
+        with pytest.raises(RecordingError) as caught:
+            guess_columns(path, KnownColumns(JOINTS))
+        assert caught.value.options == f"--time {'q_time' if kind == 'npz' else 't_q'}"
+        channels = {"time": caught.value.options.split()[1]}
+        assert guess_columns(path, KnownColumns(JOINTS, channels)).columns.torque
+    else:
+        assert guess_columns(path, KnownColumns(JOINTS)).columns.torque
+
+
+def test_a_clock_has_a_part_of_its_channels_name():
+    clocks = ["time", "t_q", "time_tau", "drive/time"]
+    assert list(map(stem_of_clock, clocks)) == ["", "q", "tau", "drive"]
+    assert own_clock("q_{joint}", clocks) == "t_q"
+    assert own_clock("qd_{joint}", clocks) is None
+    assert own_clock("drive/torque", clocks) == "drive/time"

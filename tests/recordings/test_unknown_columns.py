@@ -1,0 +1,151 @@
+"""Columns whose names say nothing, and arrays wider than the robot, are proposed."""
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.column_words import is_bare
+from consistent_id.recordings.readers import read_recording
+from consistent_id.recordings.unknown_columns import joints_of_wide
+
+JOINTS = ("pan", "lift")
+TIME = np.arange(300) * 0.01
+Q = np.column_stack([np.sin(3 * TIME), np.cos(2 * TIME)])
+DQ = np.column_stack([3 * np.cos(3 * TIME), -2 * np.sin(2 * TIME)])
+TAU = 5 * Q**3 + 1.0
+
+
+def options_of(path, joints=JOINTS, channels=()):
+    with pytest.raises(RecordingError) as caught:
+        guess_columns(path, KnownColumns(joints, dict(channels)))
+    return caught.value.options
+
+
+def read_with(path, options, joints=JOINTS):
+    """Read a log with options, as a shell passes them."""
+    words = options.replace("'", "").split()
+    channels = {w[2:]: v for w, v in zip(words[::2], words[1::2], strict=True)}
+    guess = guess_columns(path, KnownColumns(joints, channels))
+    return read_recording(path, joints, guess.columns)
+
+
+def assert_is_read(log):
+    np.testing.assert_allclose(log.position, Q)
+    np.testing.assert_allclose(log.torque, TAU)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("posicion_{}", "velocidad_{}", "par_{}"),
+        ("角度{}", "角速度{}", "トルク{}"),
+        ("position_{}", "vitesse_{}", "couple_{}"),
+    ],
+)
+def test_words_of_other_languages_are_found_by_their_numbers(tmp_path, names):
+    header = ["t", *(name.format(k) for name in names for k in (1, 2))]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([TIME, Q, DQ, TAU])
+    np.savetxt(path, table, "%.17g", ",", header=",".join(header), comments="")
+    options = options_of(path)
+    each = [name.format("{number}") for name in names]
+    channels = ("position", "velocity", "torque")
+    expected = [f"--{c} '{n}'" for c, n in zip(channels, each, strict=True)]
+    assert options == " ".join(expected)
+    assert_is_read(read_with(path, options))
+
+
+def test_letters_that_are_not_latin_are_a_word():
+    """Such a column was taken as the position, because it had no word."""
+    assert is_bare("{number}")
+    assert not is_bare("角度{number}")
+    assert not is_bare("скорость{number}")
+
+
+@pytest.mark.parametrize("lying", [False, True])
+def test_a_state_is_split_into_position_and_velocity(tmp_path, lying):
+    """Drake's logs have samples in columns."""
+    path = tmp_path / "log.npz"
+    arrays = {"x": np.hstack([Q, DQ]), "u": TAU}
+    arrays = {n: v.T if lying else v for n, v in arrays.items()}
+    np.savez(path, sample_times=TIME, **arrays)
+    options = options_of(path)
+    assert options == "--position 'x[0:2]' --velocity 'x[2:4]' --torque u"
+    assert_is_read(read_with(path, options))
+
+
+def test_the_columns_of_one_matrix_are_found(tmp_path):
+    path = tmp_path / "log.mat"
+    savemat(path, {"data": np.column_stack([TIME, Q, DQ, TAU])})
+    clock = options_of(path)
+    assert clock == "--time 'data[0:1]'"
+    options = options_of(path, channels={"time": "data[0:1]"})
+    assert options.startswith("--position 'data[1:3]' --velocity 'data[3:5]'")
+    assert_is_read(read_with(path, f"{clock} {options}"))
+
+
+def test_arrays_wider_than_the_robot_are_answered_with_the_part_that_moves(tmp_path):
+    path = tmp_path / "log.npz"
+    rest = np.zeros((len(TIME), 1))
+    arrays = {"qpos": Q, "qvel": DQ, "tau": TAU}
+    np.savez(path, time=TIME, **{n: np.hstack([v, rest]) for n, v in arrays.items()})
+    options = options_of(path)
+    parts = "--position 'qpos[0:2]' --velocity 'qvel[0:2]' --torque 'tau[0:2]'"
+    assert options == parts
+    assert_is_read(read_with(path, options))
+    wide = {"position": np.hstack([rest, Q, rest])}
+    assert joints_of_wide(wide, 3) == {"position": (1, 3)}
+    assert joints_of_wide({"torque": np.hstack([Q, Q])}, 2) == {"torque": (0, 2)}
+
+
+def test_a_free_body_before_the_arm_is_left_out_of_each_array(tmp_path):
+    """MuJoCo's qpos has a column more for it than its qvel; no drive moves it."""
+    path = tmp_path / "log.npz"
+    moves, rest = np.outer(np.sin(TIME), np.ones(7)), np.zeros((len(TIME), 6))
+    arrays = {"qpos": np.hstack([moves, Q]), "qvel": np.hstack([moves[:, :6], DQ])}
+    np.savez(path, time=TIME, **arrays, qfrc_actuator=np.hstack([rest, TAU]))
+    options = options_of(path)
+    parts = "--position 'qpos[7:9]' --velocity 'qvel[6:8]'"
+    assert options == f"{parts} --torque 'qfrc_actuator[6:8]'"
+    assert_is_read(read_with(path, options))
+
+
+def test_an_array_can_be_stated(tmp_path):
+    path = tmp_path / "log.npz"
+    np.savez(path, time=TIME, one=Q, other=TAU)
+    assert_is_read(read_with(path, "--position one --torque other"))
+
+
+def test_the_first_of_several_runs_in_a_file_is_proposed(tmp_path):
+    """As robomimic's data sets; two grippers were proposed as joints."""
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        for demo in ("demo_0", "demo_1", "demo_2"):
+            group = file.create_group(f"data/{demo}/obs")
+            group["robot0_joint_pos"], group["robot0_torques"] = Q, TAU
+            group["robot0_joint_pos_cos"] = np.cos(Q)
+            group["robot0_gripper_qpos"] = np.zeros((len(TIME), 3))
+    options = options_of(path, channels={"time": "100Hz"})
+    first = "data/demo_0/obs/robot0"
+    assert options == f"--position {first}_joint_pos --torque {first}_torques"
+    assert_is_read(read_with(path, f"--time 100Hz {options}"))
+
+
+@pytest.mark.parametrize(("first", "rail"), [(0, False), (1, False), (0, True)])
+def test_a_numbered_column_too_many_is_not_left_out_in_silence(tmp_path, first, rail):
+    """Of q0, q1 and a gripper's q2, the last two were read as the two joints."""
+    rest = np.zeros((len(TIME), 1))
+    parts = [np.hstack([rest, v] if rail else [v, rest]) for v in (Q, DQ, TAU)]
+    header = ["t"]
+    header += [f"{w}{first + k}" for w in ("q", "dq", "tau") for k in range(3)]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([TIME, *parts])
+    np.savetxt(path, table, "%.17g", ",", header=",".join(header), comments="")
+    options = options_of(path)
+    ends = f"{{{first + rail}..{first + rail + 1}}}"
+    channels = (("position", "q"), ("velocity", "dq"), ("torque", "tau"))
+    assert options == " ".join(f"--{c} '{word}{ends}'" for c, word in channels)
+    assert_is_read(read_with(path, options))
