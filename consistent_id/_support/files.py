@@ -295,16 +295,28 @@ def require_replaceable(path: Path, content: bytes | None = None) -> None:
 def require_writable(folder: Path, names: Iterable[str] = ()) -> None:
     """Refuse a folder that cannot be written to, before hours of work for it.
 
-    Nothing is made.  All files that will be written are to be named, those in folders
-    below such as ``"plots/a.svg"`` too: none that is there may be in the way.
+    Nothing is left there.  All files that will be written are to be named, those in
+    folders below such as ``"plots/a.svg"`` too: none that is there may be in the way.
     """
     files = [folder / name for name in names]
     for place in dict.fromkeys((folder, *(file.parent for file in files))):
         standing = next(p for p in (place, *place.absolute().parents) if p.exists())
-        if not (standing.is_dir() and os.access(standing, os.W_OK)):
+        if not (standing.is_dir() and _takes_folders(standing)):
             raise ProblemError(f"{place}: cannot be written to; choose another folder")
     for file in files:
         require_replaceable(file)
+
+
+def _takes_folders(folder: Path) -> bool:
+    """Return whether a folder can be made in another, by making one.
+
+    Permissions do not tell: nobody can write to ``/proc``, or to a full disk.
+    """
+    try:
+        os.rmdir(tempfile.mkdtemp(prefix=".consistent-id-", dir=folder))
+    except OSError:
+        return False
+    return True
 
 
 def require_writable_file(file: Path) -> None:

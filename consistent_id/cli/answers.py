@@ -311,7 +311,7 @@ def shortened(text: str, most: int = LINES) -> str:
     >>> print(shortened("\n".join(str(i) for i in range(30))).splitlines()[-1])
     (6 more lines: --verbose prints them, --json has all figures)
     """
-    lines = [short for line in text.splitlines() for short in _wrapped(line)]
+    lines = [short for line in text.splitlines() for short in wrapped(line)]
     kept = [line for line in lines if line.startswith(_KEPT)]
     others = [line for line in lines if line not in kept]
     while others and not others[-1]:
@@ -348,17 +348,18 @@ def files_written(paths: Sequence[Path], *, whole: bool = True) -> str:
     if len(paths) == 1 or len(folders) > 1:
         return "written: " + ", ".join(map(str, paths))
     head, names = f"written in {folders.pop()}: ", [path.name for path in paths]
-    lines = _wrapped(head + ", ".join(names))
+    lines = wrapped(head + ", ".join(names))
     for left in range(1, len(names)) if not whole else ():
         if len(lines) < _OF_FILES:
             break
         # Those in the middle are left out: the last ones are the report and the index.
         shown = [*names[: -2 - left], f"{left} more", *names[-2:]]
-        lines = _wrapped(head + ", ".join(shown))
+        lines = wrapped(head + ", ".join(shown))
     return "\n".join(lines)
 
 
-def _wrapped(line: str) -> list[str]:
+def wrapped(line: str) -> list[str]:
+    """Return a line as several of the width of a screen, indented after the first."""
     if len(line) <= COLUMNS or line.startswith(_KEPT):
         return [line]
     indent = " " * (len(line) - len(line.lstrip()) + 2)

@@ -176,7 +176,7 @@ def _torque_error(
     from dataclasses import asdict
 
     from consistent_id.errors import ConsistentIdError
-    from consistent_id.export.export_formats import format_cost
+    from consistent_id.export.format_cost import format_cost
     from consistent_id.problems.study import Study
     from consistent_id.robot.chains import Selection
 

@@ -35,7 +35,7 @@ def add_init(command: argparse.ArgumentParser) -> None:
         Option("log [...]", ", ".join(known.name for known in LOG_FORMATS), Path),
         Option(
             "--output FILE",
-            "file to write, or a folder that gets problem.toml",
+            "file to write, such as arm.toml; or a folder, which gets problem.toml",
             default=Path("problem.toml"),
         ),
         *WRITES,
@@ -53,7 +53,7 @@ def run_init(options: argparse.Namespace) -> int:
     from consistent_id.problems.paths import names_outside
 
     file = options.output
-    if file.is_dir():
+    if file.is_dir() or not (file.suffix or file.exists()):
         file /= "problem.toml"
     if not options.dry_run:
         require_writable_file(file)

@@ -1,9 +1,10 @@
 """``consistent-id lint FILE``: its options, and what it prints."""
 
 import argparse
+import sys
 from pathlib import Path
 
-from consistent_id.cli.answers import Answer, show, warnings_unless
+from consistent_id.cli.answers import Answer, show, warnings_unless, wrapped
 from consistent_id.cli.options import Option, add_command
 
 _MORE = """Finds values that simulators refuse, and values that they accept but should
@@ -46,4 +47,6 @@ def run_lint(options: argparse.Namespace) -> int:
     if options.sarif is not None:
         write_json(options.sarif, sarif(found, __version__))
     text, record = lint_text(found), lint_record(found)
+    if sys.stdout.isatty():  # for other programs a finding stays one line
+        text = "\n".join(short for line in text.splitlines() for short in wrapped(line))
     return show(options, Answer(int(refused), text, record, whole=True))

@@ -16,9 +16,12 @@ from consistent_id.excitation.verification import Demands
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.separation import nearest
 
-_MOVED = 12  # poses that are moved
+_MOVED = 12  # poses that are moved at most,
+_ENOUGH = 4  # and of which so many are clear
+_AMONG = 64  # random poses among which clear ones are looked for first
 _STEPS = 25  # most steps of each
-_MARGIN = 0.02  # beyond a limit, in a guard's unit, that a step aims at
+_MARGIN = 0.1  # from a limit, in a guard's unit, that a step aims at,
+_ROOM = 0.05  # and that ends the steps: paths swing about these poses
 _NEAR = 0.1  # of a guard's unit: items so near to their limits are included
 _REACH = 0.3  # most change of a joint in a step, in rad or m
 _LOOKS = 256  # poses that are tried before a scene is refused
@@ -50,9 +53,14 @@ def cleared(
     ndarray, shape (poses, joints)
         Fewer than given ones; some may still violate guards.
     """
-    chosen = np.argsort(worst, kind="stable")[:_MOVED]
-    moved = np.array([_moved(poses[k], guards, low, high) for k in chosen])
-    return np.asarray(moved[np.argsort(worst_excess(moved, guards), kind="stable")])
+    moved: list[Vector] = []
+    excess: list[float] = []
+    for k in np.argsort(worst, kind="stable")[:_MOVED]:
+        moved.append(_moved(poses[k], guards, low, high))
+        excess.append(float(worst_excess(moved[-1][None], guards)[0]))
+        if sum(one <= 0.0 for one in excess) == _ENOUGH:
+            break
+    return np.asarray(moved)[np.argsort(excess, kind="stable")]
 
 
 def _at_rest(poses: Matrix) -> Array:
@@ -69,7 +77,7 @@ def _moved(pose: Vector, guards: Sequence[Guard], low: Vector, high: Vector) -> 
             return pose
         if values.max() < least:
             best, least = pose, float(values.max())
-        if least <= 0.0:
+        if least <= -_ROOM:
             break
         step = -np.linalg.pinv(slopes, rcond=1e-3) @ np.maximum(values + _MARGIN, 0.0)
         step *= min(1.0, _REACH / max(float(abs(step).max()), 1e-12))
@@ -112,6 +120,32 @@ def require_clear_pose(demands: Demands, seed: int = 0) -> None:
     best = cleared(poses, worst, guards, low, high)[0]
     if worst_excess(best[None], guards)[0] > 0.0:
         raise InfeasibleError(_impossible(scene, best))
+
+
+def clear_poses(demands: Demands, seed: int = 0) -> Matrix | None:
+    """Return some poses that violate no guard, best first; None where none is near.
+
+    Random paths of all forms begin about these if random poses are hardly ever clear:
+    they are searched for once.
+
+    Returns
+    -------
+    ndarray, shape (poses, joints), or None
+        None, too, without a scene, whose poses are all clear.
+    """
+    guards, limits = demands.guards, demands.limits
+    if not any(guard.keeps_apart for guard in guards):
+        return None
+    half = _INSIDE * (limits.upper - limits.lower) / 2.0
+    low, high = limits.middle - half, limits.middle + half
+    poses = np.random.default_rng(seed).uniform(low, high, (_AMONG, len(low)))
+    worst = worst_excess(poses, guards)
+    if np.count_nonzero(worst <= 0.0) < _ENOUGH:
+        poses = cleared(poses, worst, guards, low, high)
+        worst = worst_excess(poses, guards)
+    order = np.argsort(worst, kind="stable")
+    clear = poses[order[worst[order] <= 0.0]]
+    return clear if len(clear) else None
 
 
 def _impossible(scene: Scene, pose: Vector) -> str:

@@ -6,7 +6,7 @@ way.  So a joint near a wall does not limit the others.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.excitation.basis import FourierBasis, LimitRows
 from consistent_id.excitation.clear_poses import cleared, worst_excess
 from consistent_id.excitation.guards import Guard
+from consistent_id.excitation.work import Meter
 
 _POSES = 64  # share of the times at which guards measure, if the path violates one
 _KEPT = 6  # poses about which swings are tried
@@ -22,9 +23,12 @@ _WIDEST = 0.95  # the same of poses that are moved because all others violate a 
 _SWINGS = (0.25, 0.1, 0.03, 0.01)  # shares of the swing to begin with, tried in order
 _GROWTH = 1.6  # of one joint's swing at a time
 _LEAST = 1.05  # growth that ends the iteration
+_LOOKED = 0.25  # of the work of measuring a path: most distances are only bounded
+_STOPPED = 0.05  # the same of a path that violates a guard
 
 
-class PathLimits(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class PathLimits:
     """Limits of all paths of one form.
 
     Parameters
@@ -36,24 +40,34 @@ class PathLimits(NamedTuple):
         Limits that are not.
     time : ndarray, shape (samples,), [s]
         Times at which the guards measure.
+    meter : Meter, optional
+        Work done so far; a path is not enlarged any more when the limit is reached.
+    poses : ndarray, shape (poses, joints), optional
+        Poses that violate no guard, if some are known.
     """
 
     basis: FourierBasis
     rows: LimitRows
     guards: Sequence[Guard]
     time: Vector
+    meter: Meter = field(default_factory=Meter)
+    poses: Matrix | None = None
 
     def kept(self, path: Matrix) -> bool:
         """Return whether a path keeps all limits."""
         if self.rows.largest(path).max() > 1.0:
             return False
         motion = self.basis.motion(path, self.time)
-        return all(guard.kept(motion) for guard in self.guards)
+        kept = all(guard.kept(motion) for guard in self.guards)
+        share = _LOOKED if kept else _STOPPED
+        seconds = sum(guard.seconds for guard in self.guards)
+        self.meter.spent += share * len(self.time) * seconds
+        return kept
 
     def moved_by(self, joint: int) -> "PathLimits":
         """Return the limits that a joint's motion affects."""
         guards = tuple(guard.moved_by(joint) for guard in self.guards)
-        return self._replace(guards=guards)
+        return replace(self, guards=guards)
 
 
 def clear_start(path: Matrix, limits: PathLimits, rng: np.random.Generator) -> Matrix:
@@ -72,8 +86,12 @@ def clear_start(path: Matrix, limits: PathLimits, rng: np.random.Generator) -> M
     middle, half = basis.limits.middle, basis.limits.derivative(0)
     worst = worst_excess(middle + offsets * half, guards)
     if not (worst <= 0.0).any():
-        span = middle - _WIDEST * half, middle + _WIDEST * half
-        poses = cleared(middle + offsets * half, worst, guards, *span)
+        poses = limits.poses
+        if poses is None:
+            span = middle - _WIDEST * half, middle + _WIDEST * half
+            poses = cleared(middle + offsets * half, worst, guards, *span)
+        else:
+            poses = rng.permutation(poses)[:_KEPT]
         worst, offsets = worst_excess(poses, guards), (poses - middle) / half
     kept = [k for k in np.argsort(worst, kind="stable")[:_KEPT] if worst[k] <= 0.0]
     for share in _SWINGS:
@@ -94,7 +112,8 @@ def _grown(
         return limits.kept(np.vstack([start[0], wider * path[1:]]))
 
     together = _GROWTH
-    while together > _LEAST and (share < 1.0).any():
+    meter = limits.meter
+    while together > _LEAST and (share < 1.0).any() and not meter.over:
         wider = np.minimum(together * share, 1.0)
         if widened(wider):
             share = wider
@@ -105,6 +124,8 @@ def _grown(
     growth = np.where(share < 1.0, _GROWTH, 1.0)
     while (growth > _LEAST).any():
         for j in rng.permutation(np.flatnonzero(growth > _LEAST)):
+            if meter.over:
+                return np.vstack([start[0], share * path[1:]])
             wider = share.copy()
             wider[j] = min(share[j] * growth[j], 1.0)
             if widened(wider, own[j]):

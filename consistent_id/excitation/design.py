@@ -6,6 +6,7 @@ is proven to keep its limits at all times, and none is worse than the best of th
 paths.
 """
 
+import logging
 import os
 import time as clock
 from collections.abc import Sequence
@@ -25,13 +26,14 @@ from consistent_id.excitation.accuracy import (
     with_default_noise,
 )
 from consistent_id.excitation.aims import Aim, PathForm, forms_to_try
-from consistent_id.excitation.clear_poses import require_clear_pose
+from consistent_id.excitation.clear_poses import clear_poses, require_clear_pose
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.interest import base_for
-from consistent_id.excitation.search_problem import Meter, SearchProblem, search_problem
+from consistent_id.excitation.search_problem import SearchProblem, search_problem
 from consistent_id.excitation.searches import Lanes
 from consistent_id.excitation.stages import DesignSearch, compared_paths
 from consistent_id.excitation.verification import FRICTION_SHARE, demands
+from consistent_id.excitation.work import Meter
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.regression.regressor import TorqueModel
@@ -39,7 +41,12 @@ from consistent_id.regression.row_structure import RowModel
 from consistent_id.regression.rows.sensor_rows import SensorRows
 from consistent_id.robot.model import RobotModel
 
+_log = logging.getLogger(__name__)
+
 _LEAST = 0.01  # rad or m; a joint that can move less is not excited
+_DRAWN = 0.2  # share of the time limit for each random path
+_STEPS = 12  # of a search, below which the time limit is short
+_ENOUGH = 60  # steps for which the warning proposes a time limit
 
 
 @single_threaded
@@ -138,9 +145,14 @@ def design_trajectory(
     require_clear_pose(required, seed)
     base = base_for(measured, aim.interest, known=aim.others == "known")
     searched = [search_problem(measured, base, one, aim, limits) for one in forms]
+    poses, drawing = clear_poses(required, seed), _DRAWN * time_limit
     problems = [
-        replace(problem.guarded(required.guards), seed=seed) for problem in searched
+        replace(
+            problem.guarded(required.guards), seed=seed, drawing=drawing, poses=poses
+        )
+        for problem in searched
     ]
+    _warn_if_short(problems, time_limit)
     with noted_interrupts(keeps_results=True) as interrupted:
         lanes = Lanes(shares, interrupted, where, progress)
         search = DesignSearch(required, aim, lanes, starts, Meter(time_limit))
@@ -286,6 +298,25 @@ def _unoptimised(problem: SearchProblem, aim: Aim, starts: int) -> PredictedAccu
     if variables is None:
         variables = problem.random(known.number)
     return predicted_accuracy(model, base, problem.basis.trajectory(variables), aim)
+
+
+def _warn_if_short(problems: Sequence[SearchProblem], time_limit: float) -> None:
+    """Warn before a search whose time limit is enough for few steps only."""
+    problem = min(problems, key=lambda one: one.costs.step)
+    step = problem.costs.step
+    if time_limit >= _STEPS * step:
+        return
+    joints, pairs = len(problem.basis.unit), sum(one.pairs for one in problem.guards)
+    of = f"{joints} joints" + (f" and {pairs} pairs of bodies" if pairs else "")
+    _log.warning(
+        "with %s, a step of the search takes some %.2g s: %g s are enough for few, and "
+        "preparing and proving the motion take as long as dozens. --time-limit %.0f "
+        "finds a better motion; --tip, --lock or --no-collisions make steps shorter",
+        of,
+        step,
+        time_limit,
+        _ENOUGH * step,
+    )
 
 
 def _processors() -> int:

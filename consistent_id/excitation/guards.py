@@ -35,7 +35,8 @@ from consistent_id.robot.kinematics import link_places
 
 _TIGHTER = 0.03  # share of a limit given up where a proof has failed
 _TORQUE = 1e-7  # s of work per joint, joint before it, and member
-_ROWS = 128  # in multiples of which torques' rows are computed
+_ROWS = 128  # in multiples of which torques' rows are computed,
+_FEW = (1, 4, 16, 48)  # or in one of these numbers, if there are few
 _DENSITY = 24  # samples per period of the highest frequency
 _NEAR = 0.05  # share of the limit within which an item gets a row
 
@@ -75,6 +76,10 @@ class Guard(Protocol):
     @property
     def keeps_apart(self) -> bool:
         """Whether it is about distances of bodies."""
+
+    @property
+    def pairs(self) -> int:
+        """Number of pairs of bodies whose distance it measures."""
 
     @property
     def density(self) -> int:
@@ -143,6 +148,11 @@ class TorqueGuard:
         return False
 
     @property
+    def pairs(self) -> int:
+        """None."""
+        return 0
+
+    @property
     def density(self) -> int:
         """Two dozen: torque varies no faster than motion."""
         return _DENSITY
@@ -159,7 +169,7 @@ class TorqueGuard:
 
     def measure(self, motion: Array) -> Matrix:
         """Return the excess of each torque over its limit."""
-        torque = self._kernel(motion).torque(motion)
+        torque = self._kernel.torque(motion)
         return (abs(torque) / self.effort - self.reach).reshape(len(torque), -1)
 
     def kept(self, motion: Array) -> bool:
@@ -173,10 +183,9 @@ class TorqueGuard:
     def rows(self, motion: Array, items: IntArray) -> ItemRows:
         """Return the sizes of the chosen torques, with derivatives."""
         samples = np.arange(motion.shape[1])
-        # Each number of samples is compiled: few numbers, by repeating the last one.
-        whole = np.minimum(np.arange(-(-len(samples) // _ROWS) * _ROWS), samples[-1])
-        motion = motion[:, whole]
-        kernel = self._kernel(motion)
+        # Each number of samples has memory: few numbers, by repeating the last one.
+        motion = motion[:, np.minimum(np.arange(_padded(len(samples))), samples[-1])]
+        kernel = self._kernel
         member, joint = np.divmod(items, len(self.effort))
         torque = kernel.torque(motion)[samples, member, joint]
         slopes = kernel.slopes(motion)[samples, member, joint]
@@ -203,17 +212,21 @@ class TorqueGuard:
             self, reach=self.reach - _TIGHTER, effort=np.minimum(self.effort, most)
         )
 
-    def _kernel(self, motion: Array) -> TorqueKernel:
-        kernels, samples = _KERNELS.setdefault(self, {}), motion.shape[1]
-        if samples not in kernels:
-            kernels[samples] = TorqueKernel(
-                self.model, self.parameters, samples, self.slow
-            )
-        return kernels[samples]
+    @property
+    def _kernel(self) -> TorqueKernel:
+        if self not in _KERNELS:
+            _KERNELS[self] = TorqueKernel(self.model, self.parameters, self.slow)
+        return _KERNELS[self]
+
+
+def _padded(samples: int) -> int:
+    """Return the number of samples at which so many rows are computed."""
+    few = next((count for count in _FEW if samples <= count), None)
+    return -(-samples // _ROWS) * _ROWS if few is None else few
 
 
 # CasADi functions with their own memory, which is not sent to other processes.
-_KERNELS: WeakKeyDictionary[TorqueGuard, dict[int, TorqueKernel]] = WeakKeyDictionary()
+_KERNELS: WeakKeyDictionary[TorqueGuard, TorqueKernel] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,6 +247,11 @@ class ClearanceGuard:
     def keeps_apart(self) -> bool:
         """It is about distances."""
         return True
+
+    @property
+    def pairs(self) -> int:
+        """All of the scene."""
+        return len(self.scene.pairs)
 
     @property
     def density(self) -> int:

@@ -77,23 +77,18 @@ class RegressorKernel:
 
 
 class TorqueKernel:
-    """The torque of given parameters at a fixed number of samples, with derivatives.
+    """The torque of given parameters, with derivatives.
 
     Parameters
     ----------
     model : TorqueModel
     parameters : ndarray, shape (members, parameters)
-    samples : int
     slow : ndarray, shape (joints,), optional, [rad/s or m/s]
         See `smooth`.
     """
 
     def __init__(
-        self,
-        model: TorqueModel,
-        parameters: Matrix,
-        samples: int,
-        slow: Vector | None = None,
+        self, model: TorqueModel, parameters: Matrix, slow: Vector | None = None
     ) -> None:
         import casadi as ca
 
@@ -103,20 +98,27 @@ class TorqueKernel:
         torque = ca.vec(Y @ ca.DM(parameters.T))
         jacobian = ca.vec(ca.densify(ca.jacobian(torque, x)).T)
         options = {"cse": True}
-        self._shape = (samples, len(parameters), Y.shape[0])
-        self._torque = _Mapped(
-            ca.Function("tau", [x], [ca.densify(torque)], options), samples
-        )
-        self._slopes = _Mapped(ca.Function("dtau", [x], [jacobian], options), samples)
+        self._shape = (len(parameters), Y.shape[0])
+        self._torque = ca.Function("tau", [x], [ca.densify(torque)], options)
+        self._slopes = ca.Function("dtau", [x], [jacobian], options)
+        # One expression for all numbers of samples: that of 17 joints takes a second.
+        self._mapped: dict[tuple[str, int], _Mapped] = {}
 
     def torque(self, motion: Array) -> Array:
         """Return torques, shape (samples, members, torque joints)."""
-        return self._torque(_stacked(motion)).reshape(self._shape)
+        return self._values(self._torque, motion).reshape(-1, *self._shape)
 
     def slopes(self, motion: Array) -> Array:
         """Return derivatives, (samples, members, torque joints, 3 orders, joints)."""
         joints = motion.shape[2]
-        return self._slopes(_stacked(motion)).reshape(*self._shape, 3, joints)
+        values = self._values(self._slopes, motion)
+        return values.reshape(-1, *self._shape, 3, joints)
+
+    def _values(self, function: Any, motion: Array) -> Matrix:
+        key = function.name(), motion.shape[1]
+        if key not in self._mapped:
+            self._mapped[key] = _Mapped(function, key[1])
+        return self._mapped[key](_stacked(motion))
 
 
 def slow_speeds(limits: MotionLimits) -> Vector:

@@ -16,7 +16,8 @@ from consistent_id.excitation.programme import (
     best_step,
     minimise,
 )
-from consistent_id.excitation.search_problem import Meter, SearchProblem
+from consistent_id.excitation.search_problem import SearchProblem
+from consistent_id.excitation.work import Meter
 
 _SHARPENING = ((2.0, 40), (8.0, 120), (20.0, 80))  # power, iterations
 _SMOOTH = ((1.0, 160),)  # of objectives that no power makes sharper
@@ -65,6 +66,8 @@ class FoundPath:
         Number of iterations of the solver.
     work : float
         Work that was done, see `Meter`.
+    drawn : ndarray, shape (size, joints), optional
+        For a start without variables: its random path, if it is known already.
     """
 
     number: int
@@ -74,6 +77,7 @@ class FoundPath:
     obstacle: str = ""
     iterations: int = 0
     work: float = 0.0
+    drawn: Matrix | None = None
 
 
 def _never() -> bool:
@@ -114,13 +118,15 @@ def searched_path(
         Called with each improvement.
     """
     given = start.variables is not None
-    variables = problem.random(start.number) if not given else start.variables
-    run = _PathSearch(problem, FoundPath(start.number), Meter(work), ended, report)
+    variables, meter = start.variables if given else start.drawn, Meter(work)
+    if variables is None:
+        variables, meter.spent = problem.drawn(start.number)
+    run = _PathSearch(problem, FoundPath(start.number), meter, ended, report)
     run.consider_near(np.asarray(variables))
     for power, iterations in _phases(problem.objective, given):
-        variables = run.sharpened(np.asarray(variables), power, iterations)
-        if run.over:
+        if run.over and run.best.variables is not None:
             break
+        variables = run.sharpened(np.asarray(variables), power, iterations)
     obstacle = ""
     if run.best.variables is None:
         obstacle = _obstacle(problem, problem.limits.within(np.asarray(variables)))
@@ -157,6 +163,7 @@ class _PathSearch:
         self._beyond = False  # whether the last round ended because of a guard
         times = len(problem.grid)
         self._places = [guard.initial_places(times) for guard in problem.guards]
+        self._measured: tuple[Matrix, list[Matrix]] | None = None  # the last path
 
     @property
     def over(self) -> bool:
@@ -407,8 +414,10 @@ class _PathSearch:
         return grown
 
     def _measures(self, variables: Matrix) -> list[Matrix]:
-        self.meter.spent += self._costs.measure
-        return self._problem.measures(variables)
+        if self._measured is None or not np.array_equal(self._measured[0], variables):
+            self.meter.spent += self._costs.measure
+            self._measured = variables.copy(), self._problem.measures(variables)
+        return self._measured[1]
 
     def _keep(self, variables: Matrix) -> None:
         score = self._problem.score(self._problem.objective, variables)

@@ -27,6 +27,7 @@ from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.proven_moves import Playing, ProvenMove, proven_move
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.verification import Demands, PathProof
+from consistent_id.excitation.work import Meter
 from consistent_id.motion.move import Move
 from consistent_id.motion.moves import move_along
 from consistent_id.problems.problem import Problem
@@ -47,6 +48,8 @@ _AMONG_BODIES = 6  # random paths to choose from in a scene, where each takes lo
 _OF_ONE_SWING = 2  # proven paths; if none can be played, slower ones may
 _MEASURED = 8  # times for each joint, at most, that a random path's guards are measured
 _DRAWING = 90.0  # units of work, at most, for random paths; the first has no limit
+_ENLARGING = 4.0  # of it, after which they are not enlarged any more
+_POSES = 16  # poses of the design about which they may swing
 _GRID = 8  # samples per period of the highest frequency, at which guards measure
 
 
@@ -121,8 +124,19 @@ def _validation_paths(
         drawn = drawn[:_AMONG_BODIES]
     work = _MEASURED * shape[1] * len(time) * sum(guard.seconds for guard in guards)
     drawn = drawn[: max(int(_DRAWING / max(work, 1e-9)), 1)]
-    limits = PathLimits(basis, rows, guards, time)
-    drawn = [clear_start(v * (_REACH / rows.largest(v)), limits, rng) for v in drawn]
+    known = design.trajectory  # keeps all limits: its poses are clear
+    when = known.start + known.duration * rng.uniform(size=_POSES)
+    limits = PathLimits(
+        basis, rows, guards, time, poses=known.evaluate(when, derivatives=0)[0]
+    )
+    drawn = [
+        clear_start(
+            v * (_REACH / rows.largest(v)),
+            replace(limits, meter=Meter(_ENLARGING / len(drawn))),
+            rng,
+        )
+        for v in drawn
+    ]
     for share in _SWINGS:
         paths = [basis.trajectory(np.vstack([v[:1], share * v[1:]])) for v in drawn]
         conditions = [

@@ -20,7 +20,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import SolverError
 from consistent_id.excitation.basis import LimitRows
-from consistent_id.excitation.search_problem import Meter
+from consistent_id.excitation.work import Meter
 
 _TOLERANCE = 1e-4  # of the optimality conditions, in the objective's unit: a logarithm
 

@@ -8,11 +8,6 @@ over the rows ``w`` of the base regressor at the sampled times: a recording of t
 adds its information to that of earlier recordings.
 
 A search starts from a random path that violates no guard (`clear_start`).
-
-Work is counted by computations and not by the clock: a search on a busy machine takes
-longer and gives the same result.  The unit is a second of an idle processor of 2023, on
-which the constants below were measured (``python benchmarks/excitation_work.py``); on
-another one a unit takes more or less than a second.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,91 +36,23 @@ from consistent_id.excitation.guards import Guard
 from consistent_id.excitation.interest import places_of_interest
 from consistent_id.excitation.kernels import RegressorKernel, slow_speeds
 from consistent_id.excitation.verification import robot_limits
+from consistent_id.excitation.work import Costs, Meter, search_costs
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.row_structure import RowModel
-
-_ENTRY = 1.2e-7  # s per entry of the base regressor, for an objective and its gradient
-_VALUE = 0.3  # of that, without the gradient
-_STEP = 1.8e-3  # s per iteration of IPOPT
-_NONZERO = 2.8e-7  # s per nonzero of the linear rows and iteration
-_SHAPE = 2.5e-7  # s per sample and joint, for measuring the linear limits
-
-
-@dataclass(frozen=True, slots=True)
-class Costs:
-    """Work of the repeated parts of a search, in units.
-
-    Parameters
-    ----------
-    gradient : float
-        An objective with its gradient.
-    value : float
-        An objective alone.
-    iteration : float
-        A step of the solver, with the linear limits.
-    measure : float
-        Measuring all guards along the grid.
-    row : float
-        A row of a guard, with its derivatives.
-    """
-
-    gradient: float
-    value: float
-    iteration: float
-    measure: float = 0.0
-    row: float = 0.0
-
-
-@dataclass(slots=True)
-class Meter:
-    """Work done so far, and its limit."""
-
-    allowed: float = float("inf")
-    spent: float = 0.0
-
-    @property
-    def left(self) -> float:
-        """Work that may still be done."""
-        return max(self.allowed - self.spent, 0.0)
-
-    @property
-    def over(self) -> bool:
-        """Whether the limit is reached."""
-        return self.spent >= self.allowed
-
-
-def search_costs(
-    entries: int,
-    nonzeros: int,
-    samples: int,
-    *,
-    measure: float = 0.0,
-    row: float = 0.0,
-) -> Costs:
-    """Return the costs of a search of a size.
-
-    Parameters
-    ----------
-    entries : int
-        Entries of the base regressor: torque joints x samples x base parameters.
-    nonzeros : int
-        Number of nonzeros of the linear limits' rows.
-    samples : int
-        Samples times joints, at which the linear limits are measured.
-    measure, row : float
-        See `Costs`.
-    """
-    gradient = _ENTRY * entries
-    iteration = _STEP + _NONZERO * nonzeros + _SHAPE * samples
-    return Costs(gradient, _VALUE * gradient, iteration, measure, row)
-
 
 _SAMPLES = 100  # least samples of a path, and ten per period of the highest frequency
 _GRID = 24  # samples per period of the highest frequency, at which guards measure
 _STRIDE = 3  # every third of these times is enough for a random path
 _ROW = 3e-6  # work of a guard's row for each joint
 _FILL = 0.8  # share of the limits that a random path uses
+
+
+class RandomPath(NamedTuple):
+    """A random path, shape (size, joints), and the work of finding it."""
+
+    path: Matrix
+    work: float
 
 
 class Information(NamedTuple):
@@ -192,6 +119,10 @@ class SearchProblem:
         Seed of the random paths that searches begin with.
     interest : tuple of int
         Indices of the base parameters whose errors matter; empty for all.
+    drawing : float
+        Work after which a random path is not enlarged any more, see `Meter`.
+    poses : ndarray, shape (poses, joints), optional
+        Poses that violate no guard, if some are known.
     """
 
     information: PathInformation
@@ -204,6 +135,8 @@ class SearchProblem:
     spread_bound: float = np.inf
     seed: int = 0
     interest: tuple[int, ...] = ()
+    drawing: float = np.inf
+    poses: Matrix | None = None
 
     @property
     def basis(self) -> FourierBasis:
@@ -234,20 +167,24 @@ class SearchProblem:
 
     def random(self, number: int) -> Matrix:
         """Return a random path that keeps linear limits, and, if possible, guards."""
+        return self.drawn(number).path.copy()
+
+    def drawn(self, number: int) -> "RandomPath":
+        """Return a random path, and the work of its search; both are remembered."""
         known = _RANDOM.setdefault(self.information, {})
-        key = (self.guards, self.seed, number)
+        key = (self.guards, self.seed, number, self.drawing)
         if key not in known:
             known[key] = self._drawn(number)
-        return known[key].copy()
+        return known[key]
 
-    def _drawn(self, number: int) -> Matrix:
+    def _drawn(self, number: int) -> "RandomPath":
         rng, basis = np.random.default_rng((self.seed, number)), self.basis
         variables = rng.normal(size=self.shape) * _decay(basis)[:, None]
         variables[0] = rng.uniform(-0.3, 0.3, self.shape[1])
         variables *= _FILL / self.limits.largest(variables)
-        times = self.grid[::_STRIDE]
-        limits = PathLimits(basis, self.limits, self.guards, times)
-        return clear_start(variables, limits, rng)
+        times, meter = self.grid[::_STRIDE], Meter(self.drawing)
+        limits = PathLimits(basis, self.limits, self.guards, times, meter, self.poses)
+        return RandomPath(clear_start(variables, limits, rng), meter.spent)
 
     def criterion(self, objective: Objective, power: float = np.inf) -> Criterion:
         """Return an objective's criterion, smoothed or exact.
@@ -395,5 +332,5 @@ _EVALUATORS: WeakKeyDictionary[PathInformation, _PathEvaluator] = WeakKeyDiction
 
 # Random paths, whose search among bodies takes long, by guards, seed and number.
 _RANDOM: WeakKeyDictionary[
-    PathInformation, dict[tuple[tuple[Guard, ...], int, int], Matrix]
+    PathInformation, dict[tuple[tuple[Guard, ...], int, int, float], RandomPath]
 ] = WeakKeyDictionary()

@@ -10,12 +10,14 @@ from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accur
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.designed import Stage
 from consistent_id.excitation.path_search import FoundPath, random_candidate
-from consistent_id.excitation.search_problem import Meter, SearchProblem
+from consistent_id.excitation.search_problem import SearchProblem
 from consistent_id.excitation.searches import Lanes
 from consistent_id.excitation.verification import Demands, PathProof
+from consistent_id.excitation.work import Meter
 from consistent_id.recordings.joint_paths import FourierTrajectory
 
 _TRIAL = 0.1  # share of the work in which one of several forms is tried
+_TRIED = 3  # steps that such a trial must have
 _FIRST = 0.6  # share of the work after which the first of two stages ends
 _LAST = 0.9  # share after which the last stage ends; the rest is for proofs
 _AGAIN = 0.05  # share that a search gets at least to leave a path that is unproven
@@ -106,14 +108,17 @@ class DesignSearch:
     _proofs: dict[bytes, PathProof] = field(default_factory=dict, init=False)
 
     def best_form(self, problems: Sequence[SearchProblem]) -> FormTrial:
-        """Return the most promising form; each of several has a short search."""
-        if len(problems) == 1:
-            return FormTrial(problems[0], ())
+        """Return the most promising form; each of several has a short search.
+
+        If such a search has hardly a step, for a robot of many bodies, it is the form
+        with the fewest frequencies, whose steps take least.
+        """
+        work = _TRIAL * self.meter.allowed
+        least = min(problems, key=lambda one: one.costs.step)
+        if len(problems) == 1 or _TRIED * least.costs.step > work:
+            return FormTrial(least, ())
         starts = [FoundPath(k) for k in range(min(self.starts, self.lanes.number))]
-        tried = [
-            self._run(problem, starts, _TRIAL * self.meter.allowed)
-            for problem in problems
-        ]
+        tried = [self._run(problem, starts, work) for problem in problems]
         scores = [min((one.score for one in found), default=np.inf) for found in tried]
         k = int(np.argmin(scores))
         begun = tuple(one for one in tried[k] if one.variables is not None)
@@ -137,10 +142,16 @@ class DesignSearch:
         """
         objectives = self.aim.objectives
         going_on = {one.number: one for one in trial.begun}
-        random = [going_on.get(k, FoundPath(k)) for k in range(self.starts)]
         last = len(objectives) == 1
         problem = replace(trial.problem, objective=objectives[0])
         known = compared_paths(problem, self.starts)
+        drawn = {one.number: problem.drawn(one.number) for one in known}
+        self.meter.spent += sum(one.work for one in drawn.values())
+        starts = [FoundPath(k) for k in range(self.starts)]
+        starts[: len(drawn)] = [
+            FoundPath(k, drawn=drawn[k].path) for k in sorted(drawn)
+        ]
+        random = [going_on.get(one.number, one) for one in starts]
         first = self._stage(problem, random, known, _LAST if last else _FIRST)
         if last or self.lanes.interrupted():
             return (first,)

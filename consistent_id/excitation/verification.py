@@ -15,7 +15,7 @@ from consistent_id.motion.collisions.clearance import (
     prove_clearance,
     worst_clearance,
 )
-from consistent_id.motion.collisions.scene import Scene
+from consistent_id.motion.collisions.scene import Scene, place_of
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
 from consistent_id.motion.proofs.torque_bounds import require_enclosable
@@ -32,6 +32,7 @@ At full speed friction takes 19 to 40 % of the effort limits of a UR10e's joints
 (`benchmarks/friction_shares.py`).
 """
 
+_NAMED = 4  # of bodies in a note
 _REACH = 0.99  # share of a torque limit that may be used at samples
 
 
@@ -211,8 +212,31 @@ def demands(
         f"of the robot's file; {left} of the limits is left for its unknown friction"
     )
     notes += (f"torque limits: {whose}; --parameters uses an estimate instead",)
+    notes += _uncounted(scene)
     limits = _reserved(limits, friction_share)
     return Demands(limits, rigid, np.atleast_2d(nominal), scene, notes, whose)
+
+
+def _uncounted(scene: Scene | None) -> tuple[str, ...]:
+    """Return a note on bodies that moving links carry, and whose weight is not known.
+
+    They hang on joints behind the robot's tip, such as the fingers of a hand.
+    """
+    if scene is None:
+        return ()
+    names = [
+        body.name
+        for body in scene.bodies
+        if body.name in scene.swept and place_of(scene.robot, body).link >= 0
+    ]
+    if not names:
+        return ()
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return (
+        f"torque limits: without the weight of {', '.join(names[:_NAMED])}{more}, "
+        "which the robot carries behind its tip; it counts if their joints are locked "
+        "instead (--lock, without --tip)",
+    )
 
 
 def _reserved(limits: MotionLimits, share: float) -> MotionLimits:

@@ -8,7 +8,7 @@ cannot express.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import wraps
 from importlib import import_module
@@ -22,9 +22,7 @@ from consistent_id.errors import ProblemError
 
 if TYPE_CHECKING:  # `consistent-id --help` lists the formats
     from consistent_id.estimation.estimate import Estimate
-    from consistent_id.recordings.recording import Recording
     from consistent_id.recordings.signals import PDGains
-    from consistent_id.robot.chains import Selection
     from consistent_id.robot.loaders.urdf_in_place import Edit, XmlText
     from consistent_id.robot.model import Joint
 
@@ -129,6 +127,7 @@ EXPORT_FORMATS = (
     ),
 )
 
+_NAMED = 4  # of links in a note
 _DOUBTFUL = ("offset", "spring")  # terms that are left out within their error
 _UNFELT = 0.2  # of a joint's residual: torque of what is left out, at most
 
@@ -227,7 +226,7 @@ def exported(
         If there is no such format, if it takes no source, if it cannot express a
         floating base, or if the estimate is refused and `allow_refused` is false.
     """
-    known, options = _format(form), dict[str, Any]()
+    known, options = known_format(form), dict[str, Any]()
     require_exportable(estimate, known.name, allow_refused=allow_refused)
     if source is not None:
         if not known.takes_source:
@@ -245,98 +244,11 @@ def exported(
     # The gate is passed: the function need not check the estimate again.
     export: Export = function(estimate, allow_refused=True, **options)
     notes = _of_springs(estimate, gains)
+    if source is None:
+        notes = (*_of_moving_joints(estimate), *notes)
     if known.holds is None or "drag" in known.holds:
         notes = (*notes, *_of_drag(estimate))
     return replace(export, notes=(*export.notes, *notes)) if notes else export
-
-
-@dataclass(frozen=True, slots=True)
-class FormatCost:
-    """Torque error of a file, beside that of the estimate in it.
-
-    Parameters
-    ----------
-    error, own : float
-        Relative torque errors over the recordings: of the file, of the estimate.
-    recordings : tuple of str
-        Names of the recordings.
-    held_out : bool
-        Whether the estimate that was exported for it was not fitted to them.
-    read_back : bool
-        Whether the file was read back; otherwise the error is that of the estimate
-        without the terms that the format does not have.
-    """
-
-    error: float
-    own: float
-    recordings: tuple[str, ...]
-    held_out: bool
-    read_back: bool
-
-    def __str__(self) -> str:
-        kind = "held-out error" if self.held_out else "error on its own data,"
-        how = "read back" if self.read_back else "by the terms that it has"
-        return (
-            f"{kind} of the file, {how}: {100.0 * self.error:.2g} %; of the estimate: "
-            f"{100.0 * self.own:.2g} % (all joints, {', '.join(self.recordings)})"
-        )
-
-
-def format_cost(
-    estimate: "Estimate",
-    form: str,
-    recordings: "Sequence[Recording]",
-    *,
-    selection: "Selection",
-    source: Path | None = None,
-) -> FormatCost:
-    """Export an estimate, read the file back and return its torque error.
-
-    Friction that a format has as one Coulomb level changes its sign as the estimate's
-    does.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Fitted to other recordings, or the error is too small.
-    recordings : sequence of Recording
-        With torque; prepared as for a comparison.
-    selection : Selection
-        Joints of the source that are the robot's.
-    source : Path, optional
-        See `exported`.
-
-    Raises
-    ------
-    ProblemError, ModelError
-        If the format cannot express the robot, or its file is refused.
-    """
-    from tempfile import TemporaryDirectory
-
-    from consistent_id.estimation.estimate import torque_errors
-    from consistent_id.estimation.torque_error import stacked_error
-    from consistent_id.export.file_values import parameters_in_file, read_contents
-    from consistent_id.robot.chains import FLOATING, Selection
-
-    known, robot = _format(form), estimate.model.robot
-    if source is None:
-        selection = Selection(
-            base=FLOATING if robot.floating else None,
-            joints=None if robot.floating else robot.joint_names,
-        )
-    with TemporaryDirectory() as folder:
-        place = Path(folder)
-        export = exported(
-            estimate, form, source=source, folder=place, allow_refused=True
-        )
-        file = place / ("robot.xml" if form == "mjcf" else f"robot.{form}")
-        file.write_bytes(export.content)
-        read = read_contents(form, file, estimate, selection)
-    left = replace(estimate, parameters=parameters_in_file(estimate, known.holds, read))
-    pairs = [torque_errors([left, estimate], log) for log in recordings]
-    of_file, own = (stacked_error([pair[i] for pair in pairs]) for i in (0, 1))
-    names = tuple(dict.fromkeys(log.name for log in recordings))
-    return FormatCost(of_file or 0.0, own or 0.0, names, True, read is not None)
 
 
 def _of_drag(estimate: "Estimate") -> tuple[str, ...]:
@@ -424,7 +336,14 @@ def exporter(form: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     return gated
 
 
-def _format(form: str) -> ExportFormat:
+def known_format(form: str) -> ExportFormat:
+    """Return a format by its name.
+
+    Raises
+    ------
+    ProblemError
+        With the names that are known.
+    """
     formats = {known.name: known for known in EXPORT_FORMATS}
     if form not in formats:
         from consistent_id.robot.parameters import did_you_mean
@@ -443,7 +362,7 @@ def require_exportable(
     ProblemError
         With the reason of the verdict, or the formats that have such a base.
     """
-    known, robot = _format(form), estimate.model.robot
+    known, robot = known_format(form), estimate.model.robot
     if robot.floating and not known.floating:
         others = ", ".join(f.name for f in EXPORT_FORMATS if f.floating)
         raise ProblemError(
@@ -459,6 +378,25 @@ def require_exportable(
         f"{verdict.sentence}: {ground.statement}. {ground.advice}; or use "
         f"allow_refused (--accept {ground.kind!r} in the shell). See {HELP}"
     )
+
+
+def _of_moving_joints(estimate: "Estimate") -> tuple[str, ...]:
+    """Return the note on joints of the robot's file that a new file does not have."""
+    robot = estimate.model.robot
+    fixed = [frame.name for link in robot.links for frame in link.merged]
+    if not fixed and not robot.ground:
+        return ()
+    count = len(robot.joints)
+    joints = "1 joint that moves" if count == 1 else f"{count} joints that move"
+    inside = f": {', '.join(fixed[:_NAMED])}" if fixed else ""
+    more = f" and {len(fixed) - _NAMED} more" if len(fixed) > _NAMED else ""
+    merged = (
+        f"; links on fixed or locked joints are parts of the links that carry "
+        f"them{inside}{more}"
+        if fixed
+        else ""
+    )
+    return (f"the file has only the {joints}{merged}",)
 
 
 def _of_springs(estimate: "Estimate", gains: "PDGains | None") -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """Problems of a folder: all with one line each, or one in detail."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,9 @@ from consistent_id.problems.loading import load_problem
 from consistent_id.problems.problem import Problem
 from consistent_id.regression.base import base_parameters
 from consistent_id.robot.chains import base_question
+
+_LONG = 20  # characters of drive terms, from which they are not in each row
+_ALIKE = "as below"
 
 
 def load_problems(folder: str | Path, *, trust: bool = False) -> tuple[Problem, ...]:
@@ -89,6 +93,18 @@ def _data_of(problem: Problem) -> str:
     return "a simulated experiment" if problem.has_data else "-"
 
 
+def _said_once(drives: dict[str, str]) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return a note on the drive terms that most joints have, and shorter cells.
+
+    Terms of all joints in each row would make it wider than a screen.
+    """
+    words, count = Counter(drives.values()).most_common(1)[0] if drives else ("", 0)
+    if count < 2 or len(words) < _LONG:
+        return (), drives
+    short = {name: _ALIKE if its == words else its for name, its in drives.items()}
+    return (f"drive terms of {count} joints ({_ALIKE}): {words}",), short
+
+
 def problem_tables(problem: Problem) -> list[Table]:
     """Return a problem as tables: robot, datasheet, base parameters."""
     robot, model = problem.model.robot, problem.model
@@ -97,6 +113,7 @@ def problem_tables(problem: Problem) -> list[Table]:
         name: ", ".join(terms.names) or "none"
         for name, terms in zip(robot.joint_names, model.terms, strict=True)
     }
+    alike, drives = _said_once(drives)
     links = Table(
         f"Robot {robot.name}: {len(robot)} joints, "
         f"{'floating' if robot.floating else 'fixed'} base, "
@@ -113,7 +130,8 @@ def problem_tables(problem: Problem) -> list[Table]:
             )
             for joint, link in zip(robot.joints, robot.links, strict=True)
         ),
-        base.near
+        alike
+        + base.near
         + base_question(robot)
         + tuple(
             f"coupled gears: {coupling.label}, {', '.join(coupling.names)}"

@@ -120,11 +120,11 @@ def _of_mjcf(file: Path, robot: RobotModel) -> DrawnParts:
     Shapes that do not contain the body's own mass do not show the whole body.
     """
     from consistent_id.export.mjcf_bodies import require_mujoco
-    from consistent_id.robot.loaders.mjcf_spec import stand_in
+    from consistent_id.robot.loaders.mjcf_spec import spec_of_file, stand_in
 
     mujoco = require_mujoco()
     try:
-        spec = mujoco.MjSpec.from_file(str(file))
+        spec = spec_of_file(file, mujoco)
         unseen = set(stand_in(spec, file, mujoco))
         compiled = spec.compile()
     except (ValueError, mujoco.FatalError) as cause:

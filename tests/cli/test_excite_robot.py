@@ -103,6 +103,27 @@ def test_init_writes_the_problem_into_a_folder_that_is_there(urdf, tmp_path, cap
     assert (folder / "problem.toml").exists()
 
 
+def test_init_takes_a_name_without_an_ending_for_a_folder(urdf, tmp_path, capsys):
+    folder = tmp_path / "study"
+    assert main(["init", str(urdf), "--output", str(folder)]) == 0
+    assert f"written: {folder / 'problem.toml'}" in capsys.readouterr().out
+    bare = tmp_path / "bare"  # a file that is there is not made a folder
+    bare.write_text("mine\n")
+    assert main(["init", str(urdf), "--output", str(bare)]) == 2
+    assert bare.read_text() == "mine\n"
+
+
+def test_no_line_of_info_is_broken_by_drive_terms_that_all_joints_have(
+    urdf, tmp_path, capsys
+):
+    assert main(["init", str(urdf), "--output", str(tmp_path / "study")]) == 0
+    capsys.readouterr()
+    assert main(["info", str(tmp_path / "study"), "--verbose"]) == 0
+    said = capsys.readouterr().out
+    assert said.count("viscous, coulomb") == 1
+    assert "drive terms of 2 joints (as below): viscous, coulomb" in said
+
+
 def test_init_without_a_log_says_what_to_record(urdf, tmp_path, capsys):
     file = tmp_path / "study.toml"
     assert main(["init", str(urdf), "--output", str(file)]) == 0

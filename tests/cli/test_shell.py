@@ -275,6 +275,29 @@ class Terminal(io.StringIO):
         return True
 
 
+def test_findings_of_lint_are_wrapped_for_a_terminal_alone(monkeypatch, tmp_path):
+    robot = tmp_path / ("a-long-name-" * 6 + "robot.urdf")
+    robot.write_text(
+        '<robot name="arm"><link name="base"/><link name="boom"><inertial>'
+        '<mass value="-1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+        '</inertial></link><joint name="lift" type="revolute"><parent link="base"/>'
+        '<child link="boom"/><limit lower="-1" upper="1" effort="9" velocity="1"/>'
+        "</joint></robot>"
+    )
+    monkeypatch.setenv("NO_COLOR", "1")
+    shown = {}
+    for screen in (Terminal(), io.StringIO()):
+        monkeypatch.setattr(sys, "stdout", screen)
+        assert main(["lint", str(robot)]) == 1
+        shown[screen.isatty()] = screen.getvalue()
+    assert " ".join(shown[True].split()) == " ".join(shown[False].split())
+    assert any(len(line) > 100 for line in shown[False].splitlines())
+    further = [line for line in shown[True].splitlines() if line.startswith("  ")]
+    assert further and max(map(len, further)) <= 100
+    first = [line for line in shown[True].splitlines() if str(robot) in line]
+    assert all(len(line.split()) == 1 for line in first)  # a path is not broken
+
+
 def test_verdicts_are_coloured_for_a_terminal_alone(monkeypatch):
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("TERM", "xterm")

@@ -8,12 +8,15 @@ from excited import arm, arm_limits, arm_problem
 from scipy import optimize
 
 from consistent_id import TorqueModel
+from consistent_id.excitation import clear_starts
 from consistent_id.excitation.aims import PathForm
+from consistent_id.excitation.clear_poses import cleared, worst_excess
 from consistent_id.excitation.clear_starts import PathLimits, clear_start
 from consistent_id.excitation.guards import ClearanceGuard
 from consistent_id.excitation.path_search import FoundPath, searched_path
 from consistent_id.excitation.programme import LinearRows, Local, best_step
-from consistent_id.excitation.search_problem import Meter
+from consistent_id.excitation.verification import demands
+from consistent_id.excitation.work import Meter
 from consistent_id.motion import Body, Box, Capsule, build_scene, plane
 from consistent_id.motion.collisions.scene import Pair
 from consistent_id.motion.collisions.separation import nearest
@@ -128,3 +131,54 @@ def test_the_limits_that_a_joint_affects_are_all_that_its_motion_can_violate():
         assert moved <= set(kept) and len(kept) == count
         spare = {names[k]: more for k, more in guard.spare.items() if names[k] in kept}
         assert {kept[k]: more for k, more in some.spare.items()} == spare
+
+
+def test_a_random_path_is_enlarged_until_its_work_is_done():
+    of = problem()
+    for number in range(8):  # one that is in the way of something
+        whole = of.drawn(number)
+        part = replace(of, drawing=0.1 * whole.work).drawn(number)
+        if part.work < whole.work:
+            break
+    assert 0.1 * whole.work <= part.work < 0.6 * whole.work
+    assert abs(part.path[1:]).sum() < abs(whole.path[1:]).sum()
+    (measure,) = of.measures(part.path)
+    assert measure.max() <= 0.0
+    # The work is counted as the search's, so that its limit holds for both.
+    drawn = searched_path(of, FoundPath(number), work=0.0).work
+    known = searched_path(of, FoundPath(number, drawn=whole.path), work=0.0).work
+    assert drawn - known == pytest.approx(whole.work)
+
+
+def test_random_paths_swing_about_known_poses_where_none_is_clear(monkeypatch):
+    """In a narrow gap, clear poses are looked for once, not for each path."""
+    of = problem()
+    known = np.array([[0.0, 0.0, 0.0]])
+    seen = []
+
+    def all_bad(poses, guards):
+        seen.append(poses)
+        clear = [any(np.array_equal(pose, one) for one in known) for pose in poses]
+        return np.where(clear, -1.0, 1.0)
+
+    monkeypatch.setattr(clear_starts, "worst_excess", all_bad)
+    monkeypatch.setattr(clear_starts, "cleared", None)  # not called
+    path = replace(of, poses=known).drawn(0).path
+    offset = of.basis.trajectory(path).offset
+    assert len(seen) == 2
+    assert np.allclose(offset, 0.0)
+
+
+def test_clear_poses_have_room_to_swing():
+    required = demands(TorqueModel(arm(3)), arm_limits(arm(3)), scene=scene())
+    guards = required.guards
+    rng = np.random.default_rng(1)
+    low, high = required.limits.lower, required.limits.upper
+    poses = rng.uniform(low, high, (400, 3))
+    worst = worst_excess(poses, guards)
+    bad = poses[worst > 0.05][:12]
+    found = cleared(bad, worst_excess(bad, guards), guards, low, high)
+    excess = worst_excess(found, guards)
+    # 5 mm, and a twentieth of the torque limits, not just none
+    assert (excess <= -0.05).any()
+    assert np.count_nonzero(excess <= 0.0) == 4 < 12  # no more are looked for

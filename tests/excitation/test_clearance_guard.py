@@ -120,6 +120,23 @@ def test_distances_along_a_path_are_those_of_each_pose_where_bodies_are_near():
     assert sum(queries) < 0.6 * every.distance.size  # and cost less
 
 
+@pytest.mark.parametrize("poses", range(1, 10))
+def test_distances_of_few_poses_are_those_of_each(poses):
+    """Of fewer poses than the stride of those that are computed first, too."""
+    guard = guarded()
+    basis, time, variables = moving(guard, 241)
+    every = nearest(guard.scene, basis.motion(variables, time)[0])
+    worst = every.distance.min(axis=1).argsort()[:poses][::-1]  # the nearest comes last
+    q = basis.motion(variables, time[worst])[0]
+    within = np.full(len(every.pairs), 0.05)
+    found = separations.distances_along(guard.scene, q, within)
+    near = every.distance[worst] < within
+    assert near[-1].any()
+    assert np.allclose(found[near], every.distance[worst][near], rtol=0.0, atol=1e-12)
+    least = np.full(len(every.pairs), every.distance.min() + 1e-3)
+    assert separations.distances_along(guard.scene, q, least, least=least) is None
+
+
 def test_a_path_on_which_no_bodies_come_near_is_clear():
     scene = build_scene(
         arm(3),

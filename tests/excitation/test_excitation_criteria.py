@@ -162,7 +162,7 @@ def test_torques_of_a_set_are_those_of_the_model_with_their_slopes():
     model, rng = TorqueModel(arm(2), FRICTION), np.random.default_rng(0)
     members = rng.normal(size=(2, len(model.layout)))
     motion, direction = rng.normal(size=(2, 3, 5, 2))
-    kernel = TorqueKernel(model, members, 5)
+    kernel = TorqueKernel(model, members)
     torque = kernel.torque(motion).copy()
     for k, member in enumerate(members):
         expected = model.predict(member, *motion)

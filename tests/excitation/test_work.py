@@ -13,9 +13,12 @@ from excited import arm, arm_limits, arm_problem
 
 from consistent_id import TorqueModel
 from consistent_id._support.executors import Executor
-from consistent_id.excitation.aims import PathForm
+from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.design import _warn_if_short
 from consistent_id.excitation.path_search import FoundPath, searched_path
 from consistent_id.excitation.searches import Lanes
+from consistent_id.excitation.stages import DesignSearch
+from consistent_id.excitation.work import Meter
 
 STARTS = [FoundPath(number) for number in range(6)]
 
@@ -138,3 +141,62 @@ def test_a_killed_process_changes_nothing(monkeypatch, tmp_path, name):
     thread.join()
     assert len(killed) == 1
     assert_same(expected, found)
+
+
+class Slow:
+    """A guard of many bodies that are never near, and take long."""
+
+    keeps_apart, pairs, density, near = False, 4000, 24, 0.1
+
+    def __init__(self, seconds):
+        self.seconds = seconds
+        self.looks = []
+
+    def measure(self, motion):
+        self.looks.append(motion.tobytes())
+        return np.full((motion.shape[1], 1), -1.0)
+
+    def kept(self, motion):
+        return True
+
+    def initial_places(self, times):
+        return set()
+
+
+def test_paths_that_were_measured_are_not_measured_again():
+    guard = Slow(0.01)
+    of = problem().guarded((guard,))
+    found = searched_path(of, FoundPath(0), work=4.0 * of.costs.measure)
+    assert found.variables is not None and not found.complete
+    assert len(guard.looks) > 2
+    pairs = zip(guard.looks, guard.looks[1:], strict=False)
+    assert all(one != other for one, other in pairs)
+
+
+def search_of(time_limit, seconds):
+    guard = Slow(seconds)
+    forms = [problem().guarded((guard,)), problem().guarded((guard,))]
+    lanes = Lanes(1, interrupted=bool, executor=Executor("serial"))
+    search = DesignSearch(None, Aim(), lanes, 1, Meter(time_limit))
+    return search, forms
+
+
+def test_forms_are_tried_only_if_a_trial_has_a_step():
+    search, forms = search_of(10.0, 0.05)
+    assert forms[0].costs.step > 1.0
+    assert search.best_form(forms).begun == ()
+    assert search.meter.spent == 0.0
+    search, forms = search_of(10.0, 1e-4)
+    assert search.best_form(forms).begun
+    assert search.meter.spent > 0.0
+
+
+def test_a_limit_that_is_short_for_the_robot_is_said_before_the_search(caplog):
+    of = problem().guarded((Slow(0.05),))
+    step = of.costs.step
+    _warn_if_short([of], 30.0 * step)
+    assert not caplog.messages
+    _warn_if_short([of], 2.0 * step)
+    (said,) = caplog.messages
+    assert said.startswith("with 3 joints and 4000 pairs of bodies, a step of the sear")
+    assert f"--time-limit {60.0 * step:.0f} finds a better motion" in said

@@ -25,9 +25,9 @@ from consistent_id.export.export_formats import (
     Export,
     ExportFormat,
     exported,
-    format_cost,
 )
-from consistent_id.robot import load_mjcf
+from consistent_id.export.format_cost import format_cost
+from consistent_id.robot import load_mjcf, load_urdf
 from consistent_id.robot.chains import Selection
 
 ROOT = Path(__file__).parents[2]
@@ -144,6 +144,41 @@ def test_the_table_imports_no_array_library():
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "consistent_id.export.export_formats" in found.stdout.split()
     assert "numpy" not in found.stdout.split()
+
+
+@pytest.mark.parametrize("form", [f.name for f in EXPORT_FORMATS])
+def test_a_new_file_says_which_joints_it_has_and_which_links_are_in_others(
+    form, tmp_path
+):
+    file = tmp_path / "arm.urdf"
+    body = '<link name="{}"><inertial><mass value="{}"/><inertia ixx="1" iyy="1" ' + (
+        'izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+    joint = '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/>' + (
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    )
+    file.write_text(
+        '<robot name="arm"><link name="table"/>'
+        + "".join(body.format(name, 1) for name in ("boom", "gripper"))
+        + joint.format("lift", "revolute", "table", "boom")
+        + joint.format("grip", "revolute", "boom", "gripper")
+        + "</robot>"
+    )
+    robot = load_urdf(file, locked={"grip": 0.2})
+    held = random_estimate(np.random.default_rng(1), robot)
+    notes = exported(held, form, allow_refused=True).notes
+    assert (
+        "the file has only the 1 joint that moves; links on fixed or locked joints are "
+        "parts of the links that carry them: gripper"
+    ) in notes
+    if form == "urdf":  # in the robot's own file, all of them stay
+        notes = exported(held, form, source=file, allow_refused=True).notes
+        assert not any("joint that moves" in note for note in notes)
+
+
+def test_a_new_file_of_a_robot_that_moves_as_a_whole_needs_no_such_note(estimate):
+    notes = exported(estimate, "json", allow_refused=True).notes
+    assert not any("that move" in note for note in notes)
 
 
 READ_BACK = ("urdf", "mjcf", "json", "pin", "isaaclab")

@@ -11,8 +11,9 @@ import pinocchio as pin
 import pytest
 from published_robots import FOLDER
 
-from consistent_id import ModelError, ProblemError
+from consistent_id import ModelError, ProblemError, TorqueModel, motion_limits
 from consistent_id.excitation.design_record import clearance_words
+from consistent_id.excitation.verification import demands
 from consistent_id.motion.collisions.clearance import prove_clearance
 from consistent_id.motion.collisions.file_tree import FileTree, file_tree
 from consistent_id.motion.collisions.hanging import hanging_bodies, swept
@@ -238,3 +239,37 @@ def test_fingers_of_a_panda_are_kept_off_with_its_tip_or_without():
     assert frozenset({"panda_link6", "panda_leftfinger"}) in pairs
     assert frozenset({"panda_link6", "panda_hand"}) in pairs
     assert frozenset({"panda_link6", "panda_link7"}) not in pairs
+
+
+def test_the_weight_of_bodies_behind_the_tip_is_said_not_to_count(tmp_path):
+    inertial = (
+        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" '
+        'iyz="0"/></inertial>'
+    )
+    ball = "<collision><origin xyz='{} 0 0'/><geometry><sphere radius='0.05'/>"
+    link = "<link name='{}'>" + inertial + ball + "</geometry></collision></link>"
+    joint = (
+        "<joint name='{0}' type='revolute'><parent link='{1}'/><child link='{2}'/>"
+        "<origin xyz='{3} 0 0'/><axis xyz='0 1 0'/>"
+        "<limit lower='-0.5' upper='0.5' effort='90' velocity='1'/></joint>"
+    )
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        "<robot name='arm'>"
+        + "".join(link.format(name, 0.3) for name in ("base", "boom", "finger", "head"))
+        + joint.format("lift", "base", "boom", 0.5)
+        + joint.format("grip", "boom", "finger", 0.5)
+        + joint.format("nod", "base", "head", -0.9)
+        + "</robot>"
+    )
+
+    def notes(**part):
+        robot = load_urdf(file, **part)
+        scene = scene_from_urdf(file, robot, readable_only=True)
+        limits = motion_limits(robot, acceleration=5.0)
+        required = demands(TorqueModel(robot), limits, scene=scene)
+        return [note for note in required.notes if "weight" in note]
+
+    (said,) = notes(tip="boom")  # the head does not hang on the arm
+    assert "without the weight of finger, which the robot carries" in said
+    assert not notes(locked={"grip": 0.0, "nod": 0.0})

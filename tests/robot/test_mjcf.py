@@ -405,3 +405,23 @@ def test_gravity_that_is_disabled_is_none(tmp_path, flag, down):
     data = mujoco.MjData(model)
     mujoco.mj_inverse(model, data)
     assert data.qfrc_inverse[0] == pytest.approx(2 * 0.4 * down, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["robot.mjcf", "robot.txt", "robot"])
+def test_a_file_of_any_ending_is_read_with_the_meshes_beside_it(name, tmp_path):
+    """MuJoCo itself has no decoder for endings other than ``.xml``."""
+    corners = "0 0 0  0.1 0 0  0 0.1 0  0 0 0.1"
+    (tmp_path / "tip.obj").write_text(
+        "".join(f"v {corner}\n" for corner in corners.split("  "))
+        + "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    )
+    text = (
+        '<mujoco><asset><mesh name="tip" file="tip.obj"/></asset><worldbody>'
+        '<body name="boom"><joint name="lift"/><geom type="mesh" mesh="tip" '
+        'mass="2"/></body></worldbody></mujoco>'
+    )
+    (tmp_path / "robot.xml").write_text(text)
+    (tmp_path / name).write_text(text)
+    found, same = (load_mjcf(tmp_path / one) for one in (name, "robot.xml"))
+    assert found.joint_names == ("lift",)
+    assert np.allclose(found.nominal, same.nominal, rtol=1e-12, atol=0.0)

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -185,6 +186,18 @@ def test_all_files_are_looked_at_before_the_work(tmp_path, run):
     (tmp_path / "out" / "plots" / "b.json").write_text("mine")
     with pytest.raises(ProblemError, match=r"b\.json is there already"):
         require_writable(tmp_path / "out", names)
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="Linux only")
+def test_a_place_that_no_user_can_write_to_is_refused_before_the_work(run):
+    """The permissions of /proc allow the superuser to, but no folder can be made."""
+    with pytest.raises(ProblemError, match="/proc/results: cannot be written to"):
+        require_writable(Path("/proc/results"), ["a.json"])
+
+
+def test_looking_whether_a_folder_can_be_written_to_leaves_nothing(tmp_path, run):
+    require_writable(tmp_path / "out" / "deep", ["a.json"])
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("link", [os.link, os.symlink])

@@ -19,6 +19,8 @@ that move together, and for the opposite order; the smaller of the two bounds is
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -208,23 +210,52 @@ def body_places(scene: Scene, links: LinkPlaces) -> BodyPlaces:
     """Return the positions of the bodies for given positions of the links."""
     n, bodies = len(links), len(scene.bodies)
     rotation, translation = np.empty((n, bodies, 3, 3)), np.empty((n, bodies, 3))
-    places = [place_of(scene.robot, body) for body in scene.bodies]
-    for b, place in enumerate(places):
+    fixed = _carried_bodies(scene.robot, scene.bodies)
+    for b, place in enumerate(fixed.places):
         frame = links.of(place)
         rotation[:, b], translation[:, b] = frame.rotation, frame.translation
         if scene.bodies[b].turning and place.link >= 0:
             translation[:, b] -= links.translation[:, place.link]
-    balls = [body.shape.ball for body in scene.bodies]
-    middle = np.array([ball[0] for ball in balls]).reshape(bodies, 3)
     return BodyPlaces(
         bodies=scene.bodies,
         links=links,
-        carriers=tuple(place.link for place in places),
+        carriers=fixed.carriers,
         rotation=rotation,
         translation=translation,
-        centre=np.einsum("nbij,bj->nbi", rotation, middle) + translation,
-        radius=np.array([ball[1] for ball in balls]),
-        turning=np.array([body.turning for body in scene.bodies], dtype=bool),
+        centre=np.einsum("nbij,bj->nbi", rotation, fixed.middle) + translation,
+        radius=fixed.radius,
+        turning=fixed.turning,
+    )
+
+
+class _CarriedBodies(NamedTuple):
+    """What is the same of a scene's bodies in all poses; see `BodyPlaces`.
+
+    Attributes
+    ----------
+    places : tuple of FixedPlace
+        On the links that carry them.
+    middle : ndarray, shape (bodies, 3), [m]
+        Centres of the balls around them, in their own frames.
+    """
+
+    places: tuple[FixedPlace, ...]
+    carriers: tuple[int, ...]
+    middle: Array
+    radius: Array
+    turning: BoolArray
+
+
+@lru_cache(maxsize=32)  # a search looks at few scenes, thousands of times each
+def _carried_bodies(robot: RobotModel, bodies: tuple[Body, ...]) -> _CarriedBodies:
+    places = tuple(place_of(robot, body) for body in bodies)
+    balls = [body.shape.ball for body in bodies]
+    return _CarriedBodies(
+        places,
+        tuple(place.link for place in places),
+        np.array([ball[0] for ball in balls]).reshape(len(bodies), 3),
+        np.array([ball[1] for ball in balls]),
+        np.array([body.turning for body in bodies], dtype=bool),
     )
 
 
@@ -252,13 +283,28 @@ def joints_between(robot: RobotModel, first: int, second: int) -> tuple[int, ...
 def moving_pairs(scene: Scene) -> BoolArray:
     """Return which coordinates move which pairs' bodies, (pairs, coordinates)."""
     robot = scene.robot
-    links = [place_of(robot, body).link for body in scene.bodies]
-    between = np.zeros((len(scene.pairs), len(robot.joints)))
-    for k, pair in enumerate(scene.pairs):
-        between[
-            k, list(joints_between(robot, links[pair.first], links[pair.second]))
-        ] = 1
+    carriers = _carried_bodies(robot, scene.bodies).carriers
+    between = _between(robot, carriers, _ends(scene.pairs))
     return np.asarray(between @ abs(robot.joint_rates) > 0.0)
+
+
+def _ends(pairs: Sequence[Pair]) -> IntArray:
+    """Return the bodies of pairs, shape (pairs, 2)."""
+    ends = np.array([(p.first, p.second) for p in pairs], dtype=np.intp)
+    return ends.reshape(-1, 2)
+
+
+def _between(robot: RobotModel, carriers: Sequence[int], ends: IntArray) -> Array:
+    """Return 1 where a joint moves a pair's bodies, else 0; shape (pairs, joints).
+
+    These joints move one of the bodies and not the other.
+    """
+    joints = len(robot.joints)
+    moves = np.zeros((joints + 1, joints), dtype=bool)  # the last row: no link at all
+    for link in range(joints):
+        moves[link, list(ancestors(robot, link))] = True
+    first, second = np.asarray(carriers, dtype=np.intp)[ends].T
+    return np.asarray(moves[first] ^ moves[second], dtype=float)
 
 
 def largest_change(
@@ -303,33 +349,32 @@ class PairChange:
     """
 
     def __init__(self, places: BodyPlaces, pairs: Sequence[Pair]) -> None:
-        robot, carriers = places.links.robot, places.carriers
-        self._robot = robot
-        self._ends = np.array([(p.first, p.second) for p in pairs], dtype=np.intp)
-        self._ends = self._ends.reshape(-1, 2)
-        self._between = np.zeros((len(pairs), len(robot.joints)))
-        for k, pair in enumerate(pairs):
-            both = carriers[pair.first], carriers[pair.second]
-            self._between[k, list(joints_between(robot, *both))] = 1.0
-        self._reach = self._all_reaches(places)
+        self._robot, ends = places.links.robot, _ends(pairs)
+        between = _between(self._robot, places.carriers, ends)
+        self._joints = np.flatnonzero(between.any(axis=0))
+        self._between = between[:, self._joints]
+        bodies, own = np.unique(ends, return_inverse=True)
+        self._ends = own.reshape(-1, 2)
+        self._reach = self._reaches(places, bodies)
 
-    def _all_reaches(self, places: BodyPlaces) -> Array:
+    def _reaches(self, places: BodyPlaces, bodies: IntArray) -> Array:
         """Return reaches of bodies from joints' axes, (samples, joints, bodies)."""
-        links, still = places.links, np.where(places.turning, 0.0, 1.0)
-        found = np.empty((len(links), len(self._robot.joints), len(still)))
-        for j, joint in enumerate(self._robot.joints):
-            if joint.kind == "prismatic":
-                found[:, j] = still
+        links, still = places.links, np.where(places.turning[bodies], 0.0, 1.0)
+        centre, radius = places.centre[:, bodies], places.radius[bodies]
+        found = np.empty((len(links), len(self._joints), len(bodies)))
+        for k, j in enumerate(self._joints):
+            if self._robot.joints[j].kind == "prismatic":
+                found[:, k] = still
                 continue
-            arm = places.centre - links.translation[:, j, None] * still[:, None]
+            arm = centre - links.translation[:, j, None] * still[:, None]
             along = np.einsum("nbi,ni->nb", arm, links.axis[:, j])
             square = np.einsum("nbi,nbi->nb", arm, arm) - along**2
-            found[:, j] = np.sqrt(np.maximum(square, 0.0)) + places.radius
+            found[:, k] = np.sqrt(np.maximum(square, 0.0)) + radius
         return np.minimum(found, _ENDLESS)
 
     def between(self, q: Array, here: IntArray, there: IntArray) -> Array:
         """Return the bounds for poses ``q[here]`` to ``q[there]``, (poses, pairs)."""
-        steps = _steps(self._robot, abs(q[there] - q[here]))
+        steps = _steps(self._robot, abs(q[there] - q[here]))[:, self._joints]
         moved = steps[:, :, None] * self._reach[here]  # (poses, joints, bodies)
         sums = [
             np.einsum("njk,kj->nk", moved[:, :, self._ends[:, side]], self._between)

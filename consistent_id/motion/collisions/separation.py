@@ -154,7 +154,7 @@ def distances_along(
     near, change = near[close], None
     least = None if least is None else least[close]
     step, done = _STRIDE, np.arange(0, len(q), _STRIDE)
-    while len(done):
+    while step:
         at, pair = np.nonzero(known[done] < near)
         exact = separation(places, pairs, done[at], pair)
         known[done[at], pair] = exact.distance

@@ -109,6 +109,18 @@ def _require_no_device(place: Path, where: str) -> None:
         )
 
 
+def spec_of_file(path: Path, mujoco: Any) -> Any:
+    """Return MuJoCo's specification of a file of any ending, ``robot.mjcf`` too.
+
+    MuJoCo itself reads only files that end in ``.xml`` (or ``.urdf``).
+    """
+    if path.suffix.lower() in (".xml", ".urdf"):
+        return mujoco.MjSpec.from_file(str(path))
+    spec = mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"))
+    spec.modelfiledir = str(path.absolute().parent)  # of meshes that it names
+    return spec
+
+
 def read_spec(path: Path, mujoco: Any) -> Any:
     """Return a file's ``mujoco.MjSpec``, with stand-ins for meshes that are missing.
 
@@ -119,7 +131,7 @@ def read_spec(path: Path, mujoco: Any) -> Any:
         not there.
     """
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = spec_of_file(path, mujoco)
     except (ValueError, mujoco.FatalError) as cause:
         raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None
     stand_in(spec, path, mujoco)

@@ -1,0 +1,95 @@
+"""The torque error of an exported file: it is read back, and predicts recordings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from consistent_id.estimation.estimate import Estimate, torque_errors
+from consistent_id.estimation.torque_error import stacked_error
+from consistent_id.export.export_formats import exported, known_format
+from consistent_id.export.file_values import parameters_in_file, read_contents
+from consistent_id.recordings.recording import Recording
+from consistent_id.robot.chains import FLOATING, Selection
+
+
+@dataclass(frozen=True, slots=True)
+class FormatCost:
+    """Torque error of a file, beside that of the estimate in it.
+
+    Parameters
+    ----------
+    error, own : float
+        Relative torque errors over the recordings: of the file, of the estimate.
+    recordings : tuple of str
+        Names of the recordings.
+    held_out : bool
+        Whether the estimate that was exported for it was not fitted to them.
+    read_back : bool
+        Whether the file was read back; otherwise the error is that of the estimate
+        without the terms that the format does not have.
+    """
+
+    error: float
+    own: float
+    recordings: tuple[str, ...]
+    held_out: bool
+    read_back: bool
+
+    def __str__(self) -> str:
+        kind = "held-out error" if self.held_out else "error on its own data,"
+        how = "read back" if self.read_back else "by the terms that it has"
+        return (
+            f"{kind} of the file, {how}: {100.0 * self.error:.2g} %; of the estimate: "
+            f"{100.0 * self.own:.2g} % (all joints, {', '.join(self.recordings)})"
+        )
+
+
+def format_cost(
+    estimate: Estimate,
+    form: str,
+    recordings: Sequence[Recording],
+    *,
+    selection: Selection,
+    source: Path | None = None,
+) -> FormatCost:
+    """Export an estimate, read the file back and return its torque error.
+
+    Friction that a format has as one Coulomb level changes its sign as the estimate's
+    does.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Fitted to other recordings, or the error is too small.
+    recordings : sequence of Recording
+        With torque; prepared as for a comparison.
+    selection : Selection
+        Joints of the source that are the robot's.
+    source : Path, optional
+        See `exported`.
+
+    Raises
+    ------
+    ProblemError, ModelError
+        If the format cannot express the robot, or its file is refused.
+    """
+    known, robot = known_format(form), estimate.model.robot
+    if source is None:
+        selection = Selection(
+            base=FLOATING if robot.floating else None,
+            joints=None if robot.floating else robot.joint_names,
+        )
+    with TemporaryDirectory() as folder:
+        place = Path(folder)
+        export = exported(
+            estimate, form, source=source, folder=place, allow_refused=True
+        )
+        file = place / ("robot.xml" if form == "mjcf" else f"robot.{form}")
+        file.write_bytes(export.content)
+        read = read_contents(form, file, estimate, selection)
+    left = replace(estimate, parameters=parameters_in_file(estimate, known.holds, read))
+    pairs = [torque_errors([left, estimate], log) for log in recordings]
+    of_file, own = (stacked_error([pair[i] for pair in pairs]) for i in (0, 1))
+    names = tuple(dict.fromkeys(log.name for log in recordings))
+    return FormatCost(of_file or 0.0, own or 0.0, names, True, read is not None)
