@@ -23,6 +23,7 @@ from consistent_id.diagnosis.explain import (
 )
 from consistent_id.diagnosis.factor_rows import FactorLogs
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
+from consistent_id.diagnosis.free_clock import free_clock_findings
 from consistent_id.diagnosis.joint_shifts import joint_shifts
 from consistent_id.diagnosis.leaks import leak_findings
 from consistent_id.diagnosis.one_log import (
@@ -67,6 +68,7 @@ _OF_OTHER_ROBOTS = {
 _OF_UNITS = ("torque unit", "torque gain")  # with them, torque has no known size
 _LATE = ("lag", "drive filter")
 _MASSES = "masses or gain"
+_SEVERAL = 2  # torques, of which one tells of bodies that the other carries
 _OF_THE_ROBOT = ("coupling",)  # parts of the robot, not faults of a log
 
 
@@ -347,17 +349,31 @@ def _of_one_gain(finding: LogFinding) -> bool:
 def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
     """Test clock, gain, zeros and base beside nominal bodies, if these are known.
 
-    Logs that are nearly all friction do not take part.
+    The clock is tested with free bodies, too.  Logs that are nearly all friction do not
+    take part.
     """
     model, logs = logs[0].factors.model, [log for log in logs if log.friction < RUBS]
-    if not logs or not bodies_known(model):
+    if not logs or len(model.torque_joints) < _SEVERAL:
         return []
     recordings, stated = [log.recording for log in logs], logs[0].constraints
     as_is = FactorLogs.of(model, recordings, masses_known=masses_known(stated))
-    changed = change_findings(as_is)
-    if any(f.severity == "fault" for f in changed):
-        return changed  # no factor is the same in all samples
-    return [*whole_robot_findings(as_is), *changed]
+    changed = []
+    found: list[LogFinding] = []
+    if bodies_known(model):
+        changed = change_findings(as_is)
+        if any(f.severity == "fault" for f in changed):
+            return changed  # no factor is the same in all samples
+        found = whole_robot_findings(as_is)
+    return [*_with_free_clock(as_is, found), *changed]
+
+
+def _with_free_clock(
+    as_is: FactorLogs, found: Sequence[LogFinding]
+) -> Sequence[LogFinding]:
+    """Put a clock that free bodies show in the place of factors that are no faults."""
+    if any(f.severity == "fault" for f in found):
+        return found
+    return free_clock_findings(as_is) or found
 
 
 def _of_another_robot(
