@@ -23,7 +23,11 @@ from consistent_id.diagnosis.explain import (
 )
 from consistent_id.diagnosis.factor_rows import FactorLogs
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
-from consistent_id.diagnosis.free_clock import free_clock_findings
+from consistent_id.diagnosis.free_clock import (
+    SEVERAL,
+    clock_instead,
+    free_clock_findings,
+)
 from consistent_id.diagnosis.joint_shifts import joint_shifts
 from consistent_id.diagnosis.leaks import leak_findings
 from consistent_id.diagnosis.one_log import (
@@ -68,7 +72,6 @@ _OF_OTHER_ROBOTS = {
 _OF_UNITS = ("torque unit", "torque gain")  # with them, torque has no known size
 _LATE = ("lag", "drive filter")
 _MASSES = "masses or gain"
-_SEVERAL = 2  # torques, of which one tells of bodies that the other carries
 _OF_THE_ROBOT = ("coupling",)  # parts of the robot, not faults of a log
 
 
@@ -315,7 +318,7 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
         ]
     if len(alike) == 1:
         (logs,) = alike.values()
-        shifts = scale_instead(logs, shifts)
+        shifts = scale_instead(logs, clock_instead(logs, shifts))
     shown = any(f.severity == "fault" for f in shifts)
     lost = not shown and any(f.severity == "fault" for o in open_ for f in o.odd)
     found = [f for f in shifts if not (lost and f.severity == "warning")]
@@ -353,7 +356,7 @@ def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
     take part.
     """
     model, logs = logs[0].factors.model, [log for log in logs if log.friction < RUBS]
-    if not logs or len(model.torque_joints) < _SEVERAL:
+    if not logs or len(model.torque_joints) < SEVERAL:
         return []
     recordings, stated = [log.recording for log in logs], logs[0].constraints
     as_is = FactorLogs.of(model, recordings, masses_known=masses_known(stated))
