@@ -308,8 +308,10 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
             more = [f for f in more if f.severity == "fault" and f.kind != _MASSES]
         # Where joints never turn back, friction looks like weight.
         short = any(f.kind == "short" for one in open_ for f in one.signals)
-        # What also explains a log, such as a lag, may be the cause instead.
+        # What also explains a log, such as a lag, may be the cause instead.  A torque
+        # that is held is late by half the time for which it is.
         late = any(f.kind in _LATE for one in open_ for f in one.odd)
+        late |= any(_is_held(f) for one in open_ for f in one.signals)
         shifts += [
             replace(f, severity="warning")
             if late or (short and f.kind == _MASSES)
@@ -327,6 +329,11 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
         name = one.as_is.recording.name
         found += [replace(f, recording=name) for f in (*one.signals, *odd)]
     return found
+
+
+def _is_held(finding: LogFinding) -> bool:
+    """Return whether a torque is updated too seldom; coarse steps have no such time."""
+    return finding.kind == "torque resolution" and bool(finding.size)
 
 
 def _gains_weighed(
