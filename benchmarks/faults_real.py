@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from clean_recordings import Robot, completed, draft_of
 from faults import UNNAMED
@@ -326,13 +327,25 @@ def outcome(robot: Robot, folder: Path, label: str, *, quick: bool = False) -> O
 def _prepared(hidden: ci.Problem, problem: ci.Problem) -> list[ci.Recording]:
     """Return hidden recordings as a problem prepares its own, if it can.
 
-    A preparation for another clock does not fit their rate; then their own is used.
+    A delay of the spoilt torque is none of theirs.  A preparation for another clock
+    does not fit their rate; then their own is used.
     """
-    logs = hidden.logs("training")
+    logs, problem = hidden.logs("training"), _with_delays_of(hidden, problem)
     try:
         return [problem.prepare(log) for log in logs]
     except ci.errors.RecordingError:
         return [hidden.prepare(log) for log in logs]
+
+
+def _with_delays_of(other: ci.Problem, problem: ci.Problem) -> ci.Problem:
+    """Return a problem that corrects the delays that another one corrects."""
+    data, others = problem.table.data, other.table.data
+    assert data is not None and others is not None
+    preparation = msgspec.structs.replace(
+        data.preparation, delays=others.preparation.delays
+    )
+    data = msgspec.structs.replace(data, preparation=preparation)
+    return replace(problem, table=msgspec.structs.replace(problem.table, data=data))
 
 
 def _kinds(findings: Sequence[LogFinding]) -> tuple[list[str], list[str]]:

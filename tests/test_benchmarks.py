@@ -1,14 +1,18 @@
 """The benchmarks run, and both ways that they time give the same answer."""
 
 import ast
+import importlib
 import importlib.util
 import random
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from experiments import experiment
+from logged import write_arm
 
 import consistent_id as ci
 
@@ -229,3 +233,22 @@ def test_the_table_s_intervals_are_a_mean_s_and_its_error_the_score(monkeypatch)
     assert len(sums) == table.BLOCKS
     stacked = plain.score(log).stacked
     assert table.relative_error(model, sums.sum(axis=0)) == pytest.approx(stacked)
+
+
+def test_a_delay_of_a_spoilt_torque_is_not_taken_out_of_other_logs(
+    monkeypatch, tmp_path
+):
+    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "benchmarks")
+    faults_real = importlib.import_module("faults_real")
+    urdf, log = write_arm(tmp_path)
+    right = ci.draft_problem(urdf, log, select=False, cutoff=10.0).problem()
+    data = right.table.data
+    preparation = msgspec.structs.replace(data.preparation, delays={"torque": 0.1})
+    data = msgspec.structs.replace(data, preparation=preparation)
+    late = replace(right, table=msgspec.structs.replace(right.table, data=data))
+    (own,) = (right.prepare(log) for log in right.logs("training"))
+    (found,) = faults_real._prepared(right, late)
+    assert np.array_equal(found.torque, own.torque)
+    assert not np.array_equal(
+        late.prepare(right.logs("training")[0]).torque, own.torque
+    )

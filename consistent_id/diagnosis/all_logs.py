@@ -23,6 +23,11 @@ from consistent_id.diagnosis.explain import (
 )
 from consistent_id.diagnosis.factor_rows import FactorLogs
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
+from consistent_id.diagnosis.free_clock import (
+    SEVERAL,
+    clock_instead,
+    free_clock_findings,
+)
 from consistent_id.diagnosis.joint_shifts import joint_shifts
 from consistent_id.diagnosis.leaks import leak_findings
 from consistent_id.diagnosis.one_log import (
@@ -303,8 +308,10 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
             more = [f for f in more if f.severity == "fault" and f.kind != _MASSES]
         # Where joints never turn back, friction looks like weight.
         short = any(f.kind == "short" for one in open_ for f in one.signals)
-        # What also explains a log, such as a lag, may be the cause instead.
+        # What also explains a log, such as a lag, may be the cause instead.  A torque
+        # that is held is late by half the time for which it is.
         late = any(f.kind in _LATE for one in open_ for f in one.odd)
+        late |= any(_is_held(f) for one in open_ for f in one.signals)
         shifts += [
             replace(f, severity="warning")
             if late or (short and f.kind == _MASSES)
@@ -313,7 +320,7 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
         ]
     if len(alike) == 1:
         (logs,) = alike.values()
-        shifts = scale_instead(logs, shifts)
+        shifts = scale_instead(logs, clock_instead(logs, shifts))
     shown = any(f.severity == "fault" for f in shifts)
     lost = not shown and any(f.severity == "fault" for o in open_ for f in o.odd)
     found = [f for f in shifts if not (lost and f.severity == "warning")]
@@ -322,6 +329,11 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
         name = one.as_is.recording.name
         found += [replace(f, recording=name) for f in (*one.signals, *odd)]
     return found
+
+
+def _is_held(finding: LogFinding) -> bool:
+    """Return whether a torque is updated too seldom; coarse steps have no such time."""
+    return finding.kind == "torque resolution" and bool(finding.size)
 
 
 def _gains_weighed(
@@ -347,17 +359,31 @@ def _of_one_gain(finding: LogFinding) -> bool:
 def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
     """Test clock, gain, zeros and base beside nominal bodies, if these are known.
 
-    Logs that are nearly all friction do not take part.
+    The clock is tested with free bodies, too.  Logs that are nearly all friction do not
+    take part.
     """
     model, logs = logs[0].factors.model, [log for log in logs if log.friction < RUBS]
-    if not logs or not bodies_known(model):
+    if not logs or len(model.torque_joints) < SEVERAL:
         return []
     recordings, stated = [log.recording for log in logs], logs[0].constraints
     as_is = FactorLogs.of(model, recordings, masses_known=masses_known(stated))
-    changed = change_findings(as_is)
-    if any(f.severity == "fault" for f in changed):
-        return changed  # no factor is the same in all samples
-    return [*whole_robot_findings(as_is), *changed]
+    changed = []
+    found: list[LogFinding] = []
+    if bodies_known(model):
+        changed = change_findings(as_is)
+        if any(f.severity == "fault" for f in changed):
+            return changed  # no factor is the same in all samples
+        found = whole_robot_findings(as_is)
+    return [*_with_free_clock(as_is, found), *changed]
+
+
+def _with_free_clock(
+    as_is: FactorLogs, found: Sequence[LogFinding]
+) -> Sequence[LogFinding]:
+    """Put a clock that free bodies show in the place of factors that are no faults."""
+    if any(f.severity == "fault" for f in found):
+        return found
+    return free_clock_findings(as_is) or found
 
 
 def _of_another_robot(

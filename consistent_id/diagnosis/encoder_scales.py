@@ -2,7 +2,8 @@
 
 A wrong gear ratio, as of an encoder at the motor, moves a joint farther, or less far,
 than its link.  Zeros and gains of several joints explain a part of such a log.  If one
-scale of a position explains more than all of them, it has fewer numbers, too.
+scale of a position explains more than all of them, and than a clock, it has fewer
+numbers, too.
 """
 
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from consistent_id.diagnosis.explain import (
     explanation_finding,
 )
 from consistent_id.diagnosis.findings import LogFinding
+from consistent_id.diagnosis.free_clock import misfit_without_clock
 from consistent_id.diagnosis.joint_shifts import misfit_without_shifts, together
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import best_fit
@@ -40,7 +42,10 @@ def scale_instead(
     if not faults or any(f.kind not in STAND_INS for f in faults):
         return list(found)
     best = _best_scale(logs)
-    if best is None or best.score < 1.0 or best.misfit >= misfit_without_shifts(logs):
+    if best is None or best.score < 1.0:
+        return list(found)
+    others = misfit_without_shifts(logs), misfit_without_clock(logs)
+    if best.misfit >= min(others):
         return list(found)
     return [_finding(best), *(f for f in found if f.kind not in STAND_INS)]
 
@@ -79,7 +84,7 @@ def _finding(scale: Explanation) -> LogFinding:
     finding = explanation_finding(scale)
     return replace(
         finding,
-        statement=f"{finding.statement}; zeros and gains explain less; a link that is "
-        "longer or shorter than the model's looks the same",
+        statement=f"{finding.statement}; zeros, gains and the clock explain less; a "
+        "link that is longer or shorter than the model's looks the same",
         advice=f"{finding.advice}; check the lengths of the model",
     )

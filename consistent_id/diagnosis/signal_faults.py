@@ -435,6 +435,7 @@ def hold_findings(torque: Recording) -> list[LogFinding]:
             "between",
             "log the torque as often as the motion; now it is late by half that time",
             longest / _HELD,
+            size=f"{longest:.3g}",
         )
     ]
 

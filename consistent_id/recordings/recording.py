@@ -499,7 +499,8 @@ class LogFinding:
         Recording in which it was found.
     size : str
         The factor that was found, with its standard error, if it is one; of a lag,
-        the seconds by which torque is later than motion.
+        the seconds by which torque is later than motion; of a torque that is held, the
+        seconds from one update to the next.
     """
 
     kind: str

@@ -1,5 +1,6 @@
 """Logs and problems checked as a whole, from Python and from the shell."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -204,3 +205,11 @@ def test_other_masses_do_not_stand_in_for_what_all_logs_show(
     open_ = OpenLog(fitted, (), tuple(_said(kind) for kind in odd))
     found = all_logs._of_all([open_])
     assert [f.kind.partition(" factor")[0] for f in found] == kinds
+    # A torque that is held, and so late, may be the cause of what all logs show.
+    if not odd:
+        coarse = _said("torque resolution", "warning")
+        held = replace(coarse, size="0.1")
+        for signal, severity in ((coarse, "fault"), (held, "warning")):
+            noisy = OpenLog(fitted, (signal,), ())
+            first, *_ = all_logs._of_all([noisy])
+            assert (first.kind, first.severity) == ("clock", severity)

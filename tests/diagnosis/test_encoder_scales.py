@@ -55,6 +55,14 @@ def test_a_scale_that_explains_more_than_zeros_and_gains_is_named_instead(
     assert scale_instead([fitted, fitted], [ZERO, HIDDEN])[0].where == "joint3"
 
 
+def test_a_clock_that_explains_more_than_any_scale_stays(misfit_of_zeros, monkeypatch):
+    fitted = _fitted(1.25)
+    misfit_of_zeros(fitted.misfit)
+    monkeypatch.setattr(encoder_scales, "misfit_without_clock", lambda logs: 0.0)
+    clock = replace(ZERO, kind="clock")
+    assert scale_instead([fitted], [clock]) == [clock]
+
+
 def test_zeros_that_explain_more_than_any_scale_stay(misfit_of_zeros):
     misfit_of_zeros(0.0)
     assert scale_instead([_fitted(1.25)], [ZERO]) == [ZERO]

@@ -337,6 +337,18 @@ def test_a_zero_that_leaves_nearly_all_unexplained_is_not_named(kind, shown):
     assert bool(factor_findings(arm(), [replace(harmful, drives=0.6)])) == shown
 
 
+@pytest.mark.parametrize(
+    ("degrees", "severity"), [(0.0, None), (3.0, "warning"), (5.0, "fault")]
+)
+def test_a_base_that_leans_a_little_is_named(degrees, severity):
+    model, log = logged(2, spread=0.5)
+    axis = next(f.axis for f in factors_of(model) if f.kind == "gravity")
+    leant = leaning(model, axis, -np.radians(degrees))
+    found = accusing(whole_robot_findings(_as_is(leant, log)))
+    named = [] if severity is None else [("gravity", severity)]
+    assert [(f.kind, f.severity) for f in found] == named
+
+
 @pytest.mark.slow
 def test_a_factor_that_logs_contradict_is_no_factor_of_the_robot():
     """What only a part of the motion shows is something else."""

@@ -1,0 +1,224 @@
+"""The speed of the clock that logs show with free bodies, without nominal ones.
+
+Gravity torque and inertial torque contain the same first moments.  So a clock at the
+wrong speed leaves a residual whatever the bodies are, and nominal bodies that are wrong
+cannot hide it.  With ``s_j(f)`` the residual of joint `j` in least squares of a log
+whose clock is corrected by ``f``, the concentrated likelihood of ``f`` is that of
+
+    minimise  2 n sum_j log s_j(f)
+
+over bodies, drives, and the noise of each joint.  ``n`` is the number of independent
+samples, by the longest correlation length of all joints: most of the residual is an
+error of the friction model, and a light joint that is all friction looks white.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector
+from consistent_id.diagnosis.explain import FittedLog, fitted_log
+from consistent_id.diagnosis.factor_findings import FARTHEST, FoundFactor, harm
+from consistent_id.diagnosis.factor_rows import (
+    EXACT,
+    HARM,
+    FactorLogs,
+    FactorRows,
+    drives_share,
+    factors_of,
+    residual_of,
+)
+from consistent_id.diagnosis.findings import LogFinding, Severity
+from consistent_id.diagnosis.joint_shifts import misfit_without_shifts, together
+from consistent_id.errors import InfeasibleError, SolverError
+from consistent_id.regression.correlated_noise import correlation_lengths
+
+SURE = 5.0
+"""Standard errors from which on the clock is named: the root of the likelihood ratio.
+
+Of the clean logs of six real arms, the largest is 2.2 (a Z1, nearly all friction).
+"""
+
+SEVERAL = 2
+"""Least number of torques: bodies that one joint carries load another one."""
+
+_STAND_INS = ("offset zero", "torque gain")  # faults that a wrong clock looks like
+_NEARLY = float(np.log(1.05))  # least logarithm of a speed that is compared with them
+_WIDEN = 1.5  # ratio of the steps of a search
+_HALVES = 6  # times that an interval is halved
+_FREE = 1e3  # times the widths of nominal bodies: these are free
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Left:
+    """What least squares leaves of logs.
+
+    Parameters
+    ----------
+    sizes : ndarray, shape (joints,)
+        Logarithm of each joint's residual.
+    length : float
+        Longest correlation length, in samples.
+    """
+
+    sizes: Vector
+    length: float
+
+    @classmethod
+    def of(cls, rows: FactorRows) -> "_Left":
+        rest, size = residual_of(rows)
+        ends = np.cumsum([len(log) for log in rows.logs])[:-1]
+        lengths = correlation_lengths(np.split(rest.T, ends))
+        sigma = np.sqrt(np.mean(rest**2, axis=1))
+        logs = np.log(np.maximum(sigma, EXACT * size))
+        return cls(logs, float(lengths.max()))
+
+
+def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | None:
+    """Estimate the speed of the clock with free bodies.
+
+    Parameters
+    ----------
+    least : float, optional
+        Least logarithm of the speed that counts; by default that of the factor.
+
+    Returns
+    -------
+    FoundFactor or None
+        None if no speed that differs by the least size is likelier than none.
+        `explained` is twice the logarithm of the likelihood ratio.
+    """
+    factor = next(f for f in factors_of(as_is.model) if f.kind == "clock")
+    least = factor.least if least is None else least
+    left = {0.0: _Left.of(as_is.rows)}
+
+    def lost(size: float) -> float:
+        if size not in left:
+            left[size] = _Left.of(as_is.without(factor, size).rows)
+        return float(np.sum(left[size].sizes - left[0.0].sizes))
+
+    size = _least(lost, least, FARTHEST["clock"])
+    if abs(size) < least or lost(size) >= 0.0:
+        return None
+    count, length = as_is.rows.torque.shape[1], max(left[0.0].length, left[size].length)
+    step = 0.5 * least
+    bend = (lost(size + step) - 2.0 * lost(size) + lost(size - step)) / step**2
+    error = float(np.sqrt(length / count / bend)) if bend > 0.0 else np.inf
+    free = replace(as_is, widths=_FREE * as_is.widths)
+    return FoundFactor(
+        factor,
+        size,
+        error,
+        error,
+        -2.0 * count / length * lost(size),
+        harm=harm(free, factor, size),
+        drives=drives_share(as_is),
+    )
+
+
+def _least(lost: Callable[[float], float], step: float, most: float) -> float:
+    """Return where a function is least, from zero in growing steps; zero if there."""
+    side = min((-step, step), key=lost)
+    if lost(side) >= lost(0.0):
+        return 0.0
+    low, best, high = 0.0, side, _WIDEN * side + side
+    while abs(high) < most and lost(high) < lost(best):
+        low, best, high = best, high, high + _WIDEN * (high - best)
+    for _ in range(_HALVES):
+        before, after = 0.5 * (low + best), 0.5 * (best + high)
+        least = min((best, before, after), key=lost)
+        if least == best:
+            low, high = before, after
+        elif least == before:
+            best, high = before, best
+        else:
+            low, best = best, after
+    return best
+
+
+def free_clock_findings(as_is: FactorLogs) -> list[LogFinding]:
+    """Report a clock that logs show by themselves; a fault if it is harmful."""
+    found = free_clock(as_is)
+    if found is None or found.explained < SURE**2:
+        return []
+    return [_finding(found, "fault" if found.harm >= HARM else "warning")]
+
+
+def clock_instead(
+    logs: Sequence[FittedLog], found: Sequence[LogFinding]
+) -> list[LogFinding]:
+    """Replace faults of zeros and gains by a clock that explains more.
+
+    A joint that gravity does not load has inertial torque alone: a wrong clock looks
+    like a gain of this joint.
+
+    Parameters
+    ----------
+    logs : sequence of FittedLog
+        Logs in which the same joints have a torque.
+    found : sequence of LogFinding
+        Findings of all these logs together.
+    """
+    faults = [f for f in found if f.severity == "fault"]
+    if not faults or any(f.kind not in _STAND_INS for f in faults):
+        return list(found)
+    clock = _of_all(logs)
+    if clock is None or misfit_with(clock, logs) >= misfit_without_shifts(logs):
+        return list(found)
+    left = (f for f in found if f.kind not in _STAND_INS)
+    return [_finding(clock, "fault"), *left]
+
+
+def misfit_without_clock(logs: Sequence[FittedLog]) -> float:
+    """Return the misfit of all logs with a corrected clock; infinite without one."""
+    clock = _of_all(logs)
+    return np.inf if clock is None else misfit_with(clock, logs)
+
+
+def misfit_with(clock: FoundFactor, logs: Sequence[FittedLog]) -> float:
+    """Return the misfit of all logs with a clock corrected; infinite if there is none.
+
+    Parameters
+    ----------
+    clock : FoundFactor
+        Its size is taken out of the logs.
+    """
+    model = logs[0].factors.model
+    as_is = FactorLogs.of(model, [log.recording for log in logs])
+    moved = as_is.without(clock.factor, clock.size).logs
+    try:
+        return together(
+            [
+                fitted_log(model, one, log.constraints, log.factors.base).misfit
+                for log, one in zip(logs, moved, strict=True)
+            ]
+        )
+    except (InfeasibleError, SolverError):
+        return np.inf
+
+
+def _of_all(logs: Sequence[FittedLog]) -> FoundFactor | None:
+    """Return the clock that logs show, however small it is, if it is sure."""
+    model = logs[0].factors.model
+    if len(model.torque_joints) < SEVERAL:
+        return None
+    clock = free_clock(FactorLogs.of(model, [log.recording for log in logs]), _NEARLY)
+    return clock if clock is not None and clock.explained >= SURE**2 else None
+
+
+def _finding(found: FoundFactor, severity: Severity) -> LogFinding:
+    speed, error = float(np.exp(found.size)), found.error
+    size = f"{speed:.3g} +- {speed * error:.2g}"
+    return LogFinding(
+        "clock",
+        severity,
+        found.factor.where,
+        f"bodies of any kind explain the log much better with a clock {size} times "
+        f"as fast ({np.sqrt(found.explained):.1f} standard errors): its inertial "
+        "torque does not fit its weight; an estimate that does not know it would "
+        f"be {found.harm:.0%} off in torque",
+        "find out the unit of time, or the rate of the log",
+        float(np.sqrt(found.explained)) / SURE,
+        size=size,
+    )

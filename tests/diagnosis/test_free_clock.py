@@ -1,0 +1,152 @@
+"""The clock beside free bodies: no nominal body tells how fast it runs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from faulty_logs import arm as other_arm
+from faulty_logs import at_samples, clean_log
+from known_arm import arm, logged
+
+from consistent_id import InertialParameters
+from consistent_id.diagnosis import all_logs, diagnose, free_clock
+from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
+from consistent_id.diagnosis.factor_rows import FactorLogs
+from consistent_id.diagnosis.findings import LogFinding
+from consistent_id.diagnosis.free_clock import (
+    SURE,
+    clock_instead,
+    free_clock_findings,
+    misfit_without_clock,
+)
+from consistent_id.diagnosis.free_clock import (
+    free_clock as estimated,
+)
+from consistent_id.regression import base_parameters
+
+
+def _clocked(log, factor):
+    """Return a log whose clock shows `factor` times the time."""
+    return replace(
+        log,
+        time=factor * log.time,
+        velocity=log.velocity / factor,
+        acceleration=log.acceleration / factor**2,
+    )
+
+
+def _foreign():
+    """Return the model of the arm with nominal bodies that are far from its own."""
+    model = arm()
+    central = InertialParameters.from_central(3.0, [0.1, 0.1, 0.1], 0.2 * np.eye(3))
+    links = tuple(replace(link, nominal=central) for link in model.robot.links)
+    return replace(model, robot=replace(model.robot, links=links))
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.3, 2.0])
+def test_the_clock_is_known_though_nominal_bodies_are_wrong(factor):
+    _, log = logged(1)
+    found = estimated(FactorLogs.of(_foreign(), [_clocked(log, factor)]))
+    assert np.exp(found.size) == pytest.approx(factor, rel=0.02)
+    assert abs(found.size - np.log(factor)) < 3.0 * found.error
+    assert found.explained > SURE**2
+
+
+@pytest.mark.parametrize("factor", [0.95, 1.0, 1.05])
+def test_a_right_clock_and_one_that_is_off_by_less_than_counts_are_not_named(factor):
+    _, log = logged(1)
+    assert free_clock_findings(FactorLogs.of(_foreign(), [_clocked(log, factor)])) == []
+
+
+@pytest.mark.parametrize(
+    ("explained", "harm", "severity"),
+    [(0.9, 0.5, None), (1.1, 0.05, "warning"), (1.1, 0.15, "fault")],
+)
+def test_a_clock_is_named_if_it_is_sure_and_a_fault_if_it_is_harmful(
+    explained, harm, severity, monkeypatch
+):
+    model, log = logged(1)
+    as_is = FactorLogs.of(model, [_clocked(log, 1.3)])
+    found = replace(estimated(as_is), explained=explained * SURE**2, harm=harm)
+    monkeypatch.setattr(free_clock, "free_clock", lambda _: found)
+    said = [f.severity for f in free_clock_findings(as_is)]
+    assert said == ([] if severity is None else [severity])
+
+
+def test_a_fault_beside_nominal_bodies_is_kept(monkeypatch):
+    clock = LogFinding("clock", "fault", "time", "slow", "check it")
+    monkeypatch.setattr(all_logs, "free_clock_findings", lambda _: [clock])
+    zero = LogFinding("offset zero", "fault", "joint1", "off", "check it")
+    doubt = replace(zero, severity="warning")
+    assert all_logs._with_free_clock(None, [zero]) == [zero]
+    assert all_logs._with_free_clock(None, [doubt]) == [clock]
+    monkeypatch.setattr(all_logs, "free_clock_findings", lambda _: [])
+    assert all_logs._with_free_clock(None, [doubt]) == [doubt]
+
+
+@pytest.mark.slow
+def test_a_diagnosis_without_known_bodies_names_the_clock():
+    _, log = logged(1)
+    model = _foreign()
+    bare = tuple(replace(link, nominal=None) for link in model.robot.links)
+    unknown = replace(model, robot=replace(model.robot, links=bare))
+    named = diagnose(unknown, _clocked(log, 1.5)).findings
+    assert [(f.kind, f.severity) for f in named if f.severity != "note"] == [
+        ("clock", "fault")
+    ]
+    assert not any(f.severity == "fault" for f in diagnose(unknown, log).findings)
+
+
+GAIN = LogFinding("torque gain", "fault", "joint1", "1.21 times", "check it")
+HIDDEN = LogFinding("hidden zero", "note", "joint4", "any zero", "nothing")
+
+
+def _fitted(log):
+    model = other_arm()
+    rows, base = at_samples(log), base_parameters(model)
+    return fitted_log(model, rows, datasheet_constraints(model), base)
+
+
+def _slow(seed, factor):
+    log = clean_log(seed)
+    return replace(log, time=factor * log.time, velocity=log.velocity / factor)
+
+
+def test_a_clock_that_explains_more_than_zeros_and_gains_is_named_instead(monkeypatch):
+    fitted = [_fitted(_slow(1, 1.1))]
+    misfit = misfit_without_clock(fitted)
+    assert misfit < 0.9 * fitted[0].misfit
+    name = "misfit_without_shifts"
+    monkeypatch.setattr(free_clock, name, lambda _: 1.01 * misfit)
+    first, *rest = clock_instead(fitted, [GAIN, HIDDEN])
+    assert (first.kind, first.severity, rest) == ("clock", "fault", [HIDDEN])
+    assert float(first.size.split()[0]) == pytest.approx(1.1, rel=0.02)
+    monkeypatch.setattr(free_clock, name, lambda _: 0.99 * misfit)
+    assert clock_instead(fitted, [GAIN, HIDDEN]) == [GAIN, HIDDEN]
+
+
+@pytest.mark.parametrize(
+    "found", [[HIDDEN], [replace(GAIN, severity="warning")], [replace(GAIN, kind="x")]]
+)
+def test_only_faults_of_zeros_and_gains_are_compared_with_a_clock(found):
+    assert clock_instead([], found) == found
+
+
+def test_no_clock_is_found_in_a_right_log_nor_in_one_of_a_single_torque():
+    assert misfit_without_clock([_fitted(clean_log(1))]) == np.inf
+    model, log = (
+        replace(other_arm(), torque_joints=("joint2",)),
+        at_samples(_slow(1, 2)),
+    )
+    one = fitted_log(model, log, datasheet_constraints(model), base_parameters(model))
+    assert misfit_without_clock([one]) == np.inf
+
+
+@pytest.mark.slow
+def test_a_clock_is_no_gain_of_the_joint_that_gravity_does_not_load():
+    named = diagnose(other_arm(), at_samples(_slow(1, 1.1))).faults
+    assert [f.kind for f in named] == ["clock"]
+    log = clean_log(5)
+    wrong = replace(log, torque=log.torque * [1.21, 1.0, 1.0, 1.0])
+    named = diagnose(other_arm(), at_samples(wrong)).faults
+    assert [(f.kind, f.where) for f in named] == [("torque gain", "joint1")]
