@@ -208,14 +208,15 @@ def _of_all(logs: Sequence[FittedLog]) -> FoundFactor | None:
 
 
 def _finding(found: FoundFactor, severity: Severity) -> LogFinding:
-    speed, error = float(np.exp(found.size)), found.error
-    size = f"{speed:.3g} +- {speed * error:.2g}"
+    # The likelihood's error of the size is not shown: where friction is most of the
+    # torque, its law pulls the size farther than noise does.
+    size = f"{float(np.exp(found.size)):.2g}"
     return LogFinding(
         "clock",
         severity,
         found.factor.where,
-        f"bodies of any kind explain the log much better with a clock {size} times "
-        f"as fast ({np.sqrt(found.explained):.1f} standard errors): its inertial "
+        f"bodies of any kind explain the log much better with a clock some {size} "
+        f"times as fast ({np.sqrt(found.explained):.1f} standard errors): its inertial "
         "torque does not fit its weight; an estimate that does not know it would "
         f"be {found.harm:.0%} off in torque",
         "find out the unit of time, or the rate of the log",
