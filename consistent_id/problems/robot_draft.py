@@ -8,11 +8,11 @@ import msgspec
 from consistent_id.errors import ProblemError
 from consistent_id.problems.draft import DRIVE_COMMENTS
 from consistent_id.problems.file import ProblemTable
+from consistent_id.problems.found_logs import selection_of
 from consistent_id.problems.kept_text import problem_name, toml_text
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.parameter_tables import ConstraintsTable
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.robot_logs import selection_of
 from consistent_id.problems.stated_model import (
     DEFAULT_DRIVE,
     excitation_table,
