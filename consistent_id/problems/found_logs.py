@@ -24,11 +24,8 @@ from consistent_id.problems.nominal_gains import (
 from consistent_id.problems.statement import (
     Statement,
 )
-from consistent_id.recordings.column_guess import (
-    ColumnGuess,
-    KnownColumns,
-    guess_columns,
-)
+from consistent_id.recordings.column_guess import ColumnGuess, guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.column_words import (
     WrenchNames,
     may_be_wrench,

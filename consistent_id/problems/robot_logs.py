@@ -27,9 +27,7 @@ from consistent_id.problems.statement import (
     declarations,
     statement_of_words,
 )
-from consistent_id.recordings.column_guess import (
-    GAINS,
-)
+from consistent_id.recordings.column_proposals import GAINS
 from consistent_id.recordings.log_formats import LOG_FORMATS
 from consistent_id.recordings.readers.data_frames import ColumnTable
 from consistent_id.recordings.readers.printed_messages import is_element

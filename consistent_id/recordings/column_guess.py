@@ -7,72 +7,49 @@ are used if they are requested instead of torque, motor currents only with a gai
 because no log contains the torque per ampere.
 """
 
-import shlex
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.errors import RecordingError
 from consistent_id.recordings.channel_clocks import require_one_clock
 from consistent_id.recordings.column_names import (
     NamePattern,
-    NumberedColumns,
     mapping_advice,
     mapping_option,
-    name_patterns,
-    numbered_columns,
-    own_names,
     shown,
-    with_joint,
+)
+from consistent_id.recordings.column_proposals import (
+    WITHOUT_TORQUE,
+    KnownColumns,
+    candidates,
+    not_found,
+    require_width,
 )
 from consistent_id.recordings.column_words import (
     CHANNELS,
-    channel_of,
     is_bare,
-    says_nothing,
     unit_of,
-    words,
 )
 from consistent_id.recordings.log_formats import has_no_arrays, log_format
 from consistent_id.recordings.mixed_columns import (
-    mixed_patterns,
     require_one_torque,
     rivals,
 )
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
-from consistent_id.recordings.readers.units import KNOWN, SI, Units, listed_names
+from consistent_id.recordings.readers.units import KNOWN, SI, listed_names
 from consistent_id.recordings.recording import COMMANDS
-from consistent_id.recordings.unknown_columns import (
-    UnknownColumns,
-    arrays_of_a_group,
-    joints_of_runs,
-    joints_of_wide,
-    unknown_columns,
-)
 from consistent_id.recordings.unnamed_columns import (
     array_order,
     clock_column,
     listed_joints,
     without_names,
 )
-from consistent_id.robot.parameters import did_you_mean
-
-_WITHOUT_TORQUE = (
-    "Parameters cannot be found without torque or current: record the effort too."
-)
-
-GAINS = "KP,KD"  # in place of values that no log contains
-
-_EXAMPLES = {
-    "position": "q_{joint}",
-    "torque": "tau_{joint}",
-    "position_command": "q_des_{joint}",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,86 +70,6 @@ class ColumnGuess:
     joints: tuple[str, ...]
     notes: tuple[str, ...] = ()
     topic: str | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class KnownColumns:
-    """The facts about a log that are known before its columns are searched.
-
-    Parameters
-    ----------
-    joints : tuple of str
-        The robot's joints that move.
-    channels : mapping of str to str
-        Columns by channel, as in `Columns`; the others are found in the log.
-    names : sequence of str, optional
-        Names of the log's columns, if it is a table in memory and no file.
-    torque_joints : sequence of str
-        Joints whose torque the log has, if that is known.
-    units : mapping of str to str or sequence of str, optional
-        Units by channel, as in `Columns`; the others are found in the columns' names.
-    currents : bool
-        Whether motor currents may be used if there is no torque: with a gain.
-    commands : bool
-        Whether commands of position are required instead of torque.
-    all_joints : tuple of str
-        All joints in their order, if some are locked and not among `joints`: numbered
-        columns may include them.
-    rows : mapping of int to sequence of sequence of str, optional
-        For each number of joints, the rows of joints that a log with so many columns
-        may have, the likeliest first: the message proposes to lock the others.  By
-        default the first joints.
-    taken : collection of str
-        Names that belong to no joint, such as those of a floating base.
-    arrays : Columns, optional
-        Known arrays of all joints, such as parts of ``qpos``.
-    topic : str, optional
-        Topic of a ROS bag, whose fields are those of joint states; by default the topic
-        that names most of the joints.
-    sliding : frozenset of str
-        Joints that slide: columns of force are their torque.
-    """
-
-    joints: tuple[str, ...]
-    channels: Mapping[str, str] = field(default_factory=dict)
-    names: Sequence[str] | None = None
-    torque_joints: Sequence[str] = ()
-    units: Units | None = None
-    currents: bool = False
-    commands: bool = False
-    all_joints: tuple[str, ...] = ()
-    rows: Mapping[int, Sequence[Sequence[str]]] | None = None
-    taken: Collection[str] = ()
-    arrays: Columns | None = None
-    topic: str | None = None
-    sliding: frozenset[str] = frozenset()
-
-    def __post_init__(self) -> None:
-        known = ("time", "position", "velocity", "torque", *COMMANDS)
-        for name in self.channels:
-            if name not in known:
-                raise ProblemError(
-                    f"columns: no channel {name!r}; {did_you_mean(name, known)}"
-                )
-
-    @property
-    def effort(self) -> str:
-        """The channel that the drives' effort is read from."""
-        return "position_command" if self.commands else "torque"
-
-    def renamed(self, names: Mapping[str, str]) -> "KnownColumns":
-        """Return the same with other names of joints, such as those in the log."""
-
-        def others(joints: Iterable[str]) -> tuple[str, ...]:
-            return tuple(names.get(joint, joint) for joint in joints)
-
-        return replace(
-            self,
-            joints=others(self.joints),
-            torque_joints=others(self.torque_joints),
-            all_joints=others(self.all_joints),
-            sliding=frozenset(others(self.sliding)),
-        )
 
 
 def guess_columns(log: Path, known: KnownColumns) -> ColumnGuess:
@@ -233,7 +130,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     for channel in ("position", "velocity", known.effort):
         if channel in known.channels:
             continue
-        patterns = _candidates(channel, names, moved, known)
+        patterns = candidates(channel, names, moved, known)
         patterns = [p for p in patterns if not (flat and p.is_array)]
         if in_file:
             patterns = _with_motion(log, patterns, len(listed or moved))
@@ -241,10 +138,10 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             continue
         if not patterns:
             where = joints if channel == "position" else moved
-            raise _not_found(log, channel, names, where, known)
+            raise not_found(log, channel, names, where, known)
         best, *others = patterns
         if in_file and best.is_array and channel == "position":
-            _require_width(log, best.text, listed or moved, names, known)
+            require_width(log, best.text, listed or moved, names, known)
         found = _with(found, channel, best)
         if channel == "position":
             moved = best.joints
@@ -275,7 +172,7 @@ def _with_listed_joints(
 
     The list may lack some of the robot's joints, and have others, such as a gripper's.
     """
-    patterns = _candidates("position", names, known.joints, known)
+    patterns = candidates("position", names, known.joints, known)
     arrays = [p.text for p in patterns if p.is_array]
     listed = listed_joints(log, names, known.joints) if arrays else ()
     read = reader_of(log).read_arrays(log, arrays) if listed else {}
@@ -311,7 +208,7 @@ def _of_messages(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             )
         raise RecordingError(
             f"{log}: topic {chosen.name} has no effort of {shown(named)}. "
-            f"{_WITHOUT_TORQUE} --torque-joints JOINT ... if it has that of some joints"
+            f"{WITHOUT_TORQUE} --torque-joints JOINT ... if it has that of some joints"
         )
     if "velocity" not in known.channels and "velocity" not in chosen.fields:
         found = replace(found, velocity=None)
@@ -370,257 +267,3 @@ def _empty_joints(values: np.ndarray, joints: int) -> int:
         return joints + 1
     upright = numbers if numbers.shape[1] == joints else numbers.T
     return int((upright == 0.0).all(axis=0).sum())
-
-
-def _candidates(
-    channel: str,
-    names: Sequence[str],
-    moved: tuple[str, ...],
-    known: KnownColumns,
-) -> list[NamePattern]:
-    """Return candidates for a channel of the moving joints, the best first."""
-    patterns = name_patterns(channel, names, moved, known.all_joints)
-    if channel == "torque" and not patterns and known.currents:
-        if currents := name_patterns("current", names, moved, known.all_joints):
-            return currents
-    wanted = {*((channel == "torque" and known.torque_joints) or moved)}
-    if not patterns or not wanted <= {*patterns[0].joints}:
-        patterns = mixed_patterns(
-            channel, names, patterns, moved, known.all_joints, known.sliding
-        )
-    if channel in ("velocity", "position_command"):
-        return [pattern for pattern in patterns if pattern.joints == moved]
-    return patterns
-
-
-def _not_found(
-    log: Path,
-    channel: str,
-    names: Sequence[str],
-    joints: tuple[str, ...],
-    known: KnownColumns,
-) -> RecordingError:
-    """Return the error of a channel without columns, with advice."""
-    example = _EXAMPLES[channel]
-    runs = numbered_columns(names)
-    others = [run for run in runs if channel_of(run.pattern) == channel]
-    own = own_names(names) if channel == "position" else ()
-    more = options = ""
-    in_groups = _by_numbers(log, names, joints, known, arrays_of_a_group)
-    if in_groups is not None:
-        more, options = in_groups
-    elif len(own) > 1 and len(own) >= max(map(len, others), default=0):
-        more = mapping_advice(own, joints)
-        options = mapping_option(own, joints)
-    elif others and len(others[0]) > len(joints) and known.names is None:
-        more, options = _of_more_columns(log, runs, others[0], joints, known)
-    elif others:
-        options = _locked(len(others[0]), joints, known.rows)
-        more = _of_another_number(
-            f"{others[0]} are", len(others[0]), joints, known.rows
-        )
-    elif channel == "torque" and (currents := name_patterns("current", names, joints)):
-        more = (
-            f" {currents[0].text} are motor currents: convert them to torque with "
-            f"the N m per ampere of each joint, gear ratio included: --torque-gain "
-            f"NUMBER ...{_of_controllers(names, joints)}"
-        )
-    elif channel == "torque" and _of_controllers(names, joints):
-        more = _of_controllers(names, joints)
-    elif channel == "torque" and (
-        commands := _candidates("position_command", names, joints, KnownColumns(joints))
-    ):
-        more = (
-            f" {_WITHOUT_TORQUE} Or let the gains of the drives (N m/rad, N m s/rad) "
-            f"make torque of the commands in {commands[0].text}: --gains KP,KD[,LIMIT] "
-            "... --bodies model; consistent-id rollout ROBOT LOG with the same options "
-            "then replays the log and fits the drives"
-        )
-        options = f"--gains {GAINS} --bodies model"
-    elif channel == "torque" and "position_command" in known.channels:
-        more = (
-            f" The gains of the drives make torque of the commands in "
-            f"{known.channels['position_command']}: --gains KP,KD[,LIMIT] ..."
-        )
-        options = f"--gains {GAINS} --bodies model"
-    elif channel == "torque" and (unknown := _unknown(runs, names, joints)):
-        what, options = unknown
-        more = (
-            f" Of the columns without a known word, only {what} are as many as the "
-            f"joints: if they are torques or motor currents: {options}"
-        )
-    elif found := _by_numbers(log, names, joints, known, unknown_columns):
-        more, options = found
-    elif not any(joint in name for joint in joints for name in names):
-        more = " If the log has other names of joints: --names NAME=JOINT ..."
-    flag = channel.replace("_", "-")
-    return RecordingError(
-        f"{log}: found no column that is the {channel} of {shown(joints)}; the "
-        f"log has {shown(names, joints)}. Name it: --{flag} {example}, or with "
-        f"{{number}} for the joint's place from 1, {{index}} from 0.{more}",
-        options=options,
-    )
-
-
-def _of_more_columns(
-    log: Path,
-    runs: Sequence[NumberedColumns],
-    position: NumberedColumns,
-    joints: tuple[str, ...],
-    known: KnownColumns,
-) -> tuple[str, str]:
-    """Return a sentence and options for numbered columns of more than the joints."""
-    likely = {"position": position} | {
-        channel: run
-        for channel in ("velocity", "torque")
-        for run in runs[::-1]
-        if channel_of(run.pattern) == channel and len(run) == len(position)
-    }
-    more = _of_another_number(f"{position} are", len(position), joints, known.rows)
-    try:
-        options, number = joints_of_runs(log, likely, len(joints))
-    except RecordingError:  # such as empty cells
-        return more, ""
-    if number < len(joints):
-        options = f"{_locked(number, joints, known.rows)} {options}".strip()
-    return f"{more} If the joints are those of a part of them: {options}", options
-
-
-def _by_numbers(
-    log: Path,
-    names: Sequence[str],
-    joints: tuple[str, ...],
-    known: KnownColumns,
-    search: Callable[..., UnknownColumns | None],
-) -> tuple[str, str] | None:
-    """Return a sentence and options for columns that names alone do not show."""
-    if known.names is not None:
-        return None
-    fewer = range(len(joints) - 1, 1, -1) if known.rows is None else sorted(known.rows)
-    numbers = [len(joints), *(n for n in sorted(fewer)[::-1] if 1 < n < len(joints))]
-    found = search(log, names, numbers, known.channels)
-    if found is None:
-        return None
-    if found.joints == len(joints):
-        return found.sentence, found.options
-    lock = _locked(found.joints, joints, known.rows)
-    return f"{found.sentence}, with {lock}", f"{lock} {found.options}"
-
-
-def _unknown(
-    runs: Sequence[NumberedColumns], names: Sequence[str], joints: Sequence[str]
-) -> tuple[str, str] | None:
-    """Return the only columns, one for each joint, whose names say nothing known.
-
-    And the option that reads them as torque.
-    """
-    several = [r for r in runs if len(r) == len(joints) and says_nothing(r.pattern)]
-    found = {str(run): run.option("torque") for run in several}
-    texts = {with_joint(name, joints) for name in names}
-    for text in texts - {*names}:
-        each = {text.replace("{joint}", joint) for joint in joints}
-        if says_nothing(text) and each <= {*names}:
-            found[text] = f"--torque {shlex.quote(text)}"
-    return next(iter(found.items())) if len(found) == 1 else None
-
-
-def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
-    """Return a sentence on torques that a controller computes; empty of none."""
-    for run in numbered_columns(names):
-        said = words(run.pattern)
-        if len(run) == len(joints) and {"target", "moment"} <= said:
-            return (
-                f" {run} are computed by the controller, not measured: they return the "
-                f"maker's own model of the arm ({run.option('torque')})"
-            )
-    return ""
-
-
-def _require_width(
-    log: Path,
-    name: str,
-    joints: Sequence[str],
-    names: Sequence[str],
-    known: KnownColumns,
-) -> None:
-    """Refuse an array that has columns of fewer or more joints."""
-    array = np.asarray(reader_of(log).read_arrays(log, [name])[name])
-    if array.ndim != 2 or len(joints) in array.shape:
-        return
-    number = min(array.shape)
-    options = _locked(number, joints, known.rows)
-    more = _of_another_number("These are", number, joints, known.rows)
-    if number > len(joints):
-        options = _part_of_wide(log, len(array), names, tuple(joints), known)
-        more = f"{more} If the joints are those of a part of them: {options}"
-    raise RecordingError(
-        f"{log}: array {name!r} has shape {array.shape}.{more}", options=options
-    )
-
-
-def _part_of_wide(
-    log: Path,
-    samples: int,
-    names: Sequence[str],
-    joints: tuple[str, ...],
-    known: KnownColumns,
-) -> str:
-    """Return the options that name the robot's joints in arrays of more columns."""
-    wide: dict[str, tuple[str, np.ndarray]] = {}
-    for channel in ("position", "velocity", known.effort):
-        arrays = [p.text for p in _candidates(channel, names, joints, known)]
-        read = reader_of(log).read_arrays(log, arrays) if arrays else {}
-        for name in arrays[::-1]:
-            if np.ndim(read[name]) == 2 and samples in np.shape(read[name]):
-                upright = read[name] if len(read[name]) == samples else read[name].T
-                wide[channel] = name, np.asarray(upright)
-    parts = joints_of_wide({c: v for c, (_, v) in wide.items()}, len(joints))
-    number = min(end - first for first, end in parts.values())
-    said = [_locked(number, joints, known.rows)] * (number < len(joints))
-    for channel, (first, end) in parts.items():
-        part = shlex.quote(f"{wide[channel][0]}[{first}:{end}]")
-        said.append(f"--{channel.replace('_', '-')} {part}")
-    return " ".join(said)
-
-
-def _likely(
-    number: int,
-    joints: Sequence[str],
-    rows: Mapping[int, Sequence[Sequence[str]]] | None,
-) -> Sequence[Sequence[str]]:
-    """Return the joints that a log of so many may have, the likeliest first."""
-    return (joints[:number],) if rows is None else rows.get(number, ())
-
-
-def _locked(
-    number: int,
-    joints: Sequence[str],
-    rows: Mapping[int, Sequence[Sequence[str]]] | None,
-) -> str:
-    """Return the option that locks joints which a log does not have; empty if open."""
-    if number > len(joints):
-        return ""
-    moved, *_ = _likely(number, joints, rows) or ((),)
-    rest = [joint for joint in joints if joint not in moved]
-    return f"--lock {shlex.join(rest)}" if moved else ""
-
-
-def _of_another_number(
-    what: str,
-    number: int,
-    joints: Sequence[str],
-    rows: Mapping[int, Sequence[Sequence[str]]] | None,
-) -> str:
-    """Return advice if a log has columns of another number of joints."""
-    said = f" {what} {number} columns, the robot has {len(joints)} joints that move"
-    if number > len(joints):
-        return f"{said}."
-    ends = [f"{row[0]} to {row[-1]}" for row in _likely(number, joints, rows)]
-    if not ends:
-        return (
-            f"{said}: name the joints at rest: --lock JOINT ... (or --base, --tip LINK)"
-        )
-    lock = _locked(number, joints, rows)
-    also = ", ".join(f"those from {pair}" for pair in ends[1:])
-    also = f" ({also} explain the torque as well)" if also else ""
-    return f"{said}: if the log has those from {ends[0]}{also}, lock the others: {lock}"

@@ -16,7 +16,8 @@ from consistent_id.problems.file import ModelTable, ProblemTable, problem_table
 from consistent_id.problems.kept_text import toml_text
 from consistent_id.problems.parameter_tables import ConstraintsTable, RelationTable
 from consistent_id.problems.statement import Statement
-from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.readers import recording_file
 from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.recordings.recording import Recording

@@ -5,7 +5,8 @@ import pytest
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.channel_clocks import own_clock, stem_of_clock
-from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 
 JOINTS = ("a", "b")
 TIME = np.arange(50) * 0.01

@@ -8,7 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from consistent_id import RecordingError, read_recording, recording_from
-from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.column_words import channel_of
 
 SIX = tuple(f"axis_{letter}" for letter in "abcdef")

@@ -10,7 +10,8 @@ from pyarrow.feather import write_feather
 from scipy.io import savemat
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers import (
     Columns,

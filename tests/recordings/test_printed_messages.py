@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.readers import read_recording
 from consistent_id.recordings.readers.csv import read_arrays
 from consistent_id.recordings.readers.recording_file import column_names

@@ -13,7 +13,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from consistent_id.errors import RecordingError
 from consistent_id.problems.loading import load_problem
-from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.readers import JOINT_STATE, Columns, read_recording
 
 TYPES = get_typestore(Stores.ROS2_HUMBLE)

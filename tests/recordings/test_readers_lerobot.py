@@ -8,7 +8,8 @@ import pytest
 from pyarrow import parquet
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.log_formats import files_of, log_format
 from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.readers.lerobot import array_names, notes, require_units

@@ -17,7 +17,8 @@ from consistent_id import (
     recording_from,
 )
 from consistent_id.problems.statement_words import units as units_of
-from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.readers.units import (
     KNOWN,
     factors,

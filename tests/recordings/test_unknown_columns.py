@@ -6,7 +6,8 @@ import pytest
 from scipy.io import savemat
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.column_words import is_bare
 from consistent_id.recordings.readers import read_recording
 from consistent_id.recordings.unknown_columns import joints_of_wide

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from consistent_id import Columns, RecordingError, read_recording
-from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.readers import csv
 from consistent_id.recordings.unnamed_columns import column_layout, is_clock
 
