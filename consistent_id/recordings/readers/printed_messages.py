@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from consistent_id.recordings.readers.yaml_messages import fields_of
+from consistent_id.recordings.readers.yaml_messages import fields_of, is_float
 
 _CHANNELS = ("position", "velocity", "effort")
 _STAMP = ("header.stamp.sec", "header.stamp.nanosec")
@@ -73,7 +73,7 @@ def named_columns(first: Sequence[str], second: Sequence[str]) -> NamedColumns |
 def _without_header(line: Sequence[str]) -> NamedColumns | None:
     """Read seconds, nanoseconds, a frame, and the arrays of joint states."""
     stamp, rest = line[:2], list(line[_BEFORE_NAMES:])
-    if not all(map(_INTEGER.fullmatch, stamp)) or _is_number("".join(line[2:3])):
+    if not all(map(_INTEGER.fullmatch, stamp)) or is_float("".join(line[2:3])):
         return None
     joints = _leading_names(rest)
     arrays, left = divmod(len(rest), len(joints)) if joints else (0, 1)
@@ -88,7 +88,7 @@ def _without_header(line: Sequence[str]) -> NamedColumns | None:
 def _leading_names(fields: Sequence[str]) -> list[str]:
     found = list[str]()
     for text in fields:
-        if not text or _is_number(text):
+        if not text or is_float(text):
             break
         found.append(text)
     return found
@@ -102,7 +102,7 @@ def _with_header(first: Sequence[str], second: Sequence[str]) -> NamedColumns | 
         k: match for k, name in enumerate(first) if (match := _NAMED.fullmatch(name))
     }
     joints = tuple(second[k] for k in places)
-    if not joints or any(not j or _is_number(j) for j in joints):
+    if not joints or any(not j or is_float(j) for j in joints):
         return None
     named = {
         first[k].replace("name", channel): f"{match['before']}{channel}.{joint}"
@@ -132,14 +132,6 @@ def _with_list(first: Sequence[str], second: Sequence[str]) -> NamedColumns | No
     }
     names = tuple(said.get(name, name) for name in first)
     return NamedColumns(names, (second[place],), is_row=False) if said else None
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def is_element(text: str) -> bool:

@@ -98,17 +98,18 @@ def _numbers(
         for k, inner in enumerate(value):
             path = f"{before}.{names[k]}" if named else f"{before}[{k}]"
             yield from _numbers(inner, path, ())
-    elif isinstance(value, str) and _is_number(value):
+    elif isinstance(value, str) and is_float(value):
         yield before, value
 
 
 def _are_names(value: object) -> bool:
     if not isinstance(value, list) or not value:
         return False
-    return all(isinstance(one, str) and not _is_number(one) for one in value)
+    return all(isinstance(one, str) and not is_float(one) for one in value)
 
 
-def _is_number(text: str) -> bool:
+def is_float(text: str) -> bool:
+    """Return whether a text is a number as Python writes it."""
     try:
         float(text)
     except ValueError:
