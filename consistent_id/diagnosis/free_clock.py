@@ -47,6 +47,7 @@ _STAND_INS = ("offset zero", "torque gain")  # faults that a wrong clock looks l
 _NEARLY = float(np.log(1.05))  # least logarithm of a speed that is compared with them
 _WIDEN = 1.5  # ratio of the steps of a search
 _HALVES = 6  # times that an interval is halved
+_HOPELESS = 0.25  # share of what a sure clock explains, below which none is looked for
 _FREE = 1e3  # times the widths of nominal bodies: these are free
 
 
@@ -86,7 +87,8 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
     Returns
     -------
     FoundFactor or None
-        None if no speed that differs by the least size is likelier than none.
+        None if no speed that differs by the least size is likelier than none, or all
+        are far from sure.
         `explained` is twice the logarithm of the likelihood ratio.
     """
     factor = next(f for f in factors_of(as_is.model) if f.kind == "clock")
@@ -98,10 +100,19 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
             left[size] = _Left.of(as_is.without(factor, size).rows)
         return float(np.sum(left[size].sizes - left[0.0].sizes))
 
-    size = _least(lost, least, FARTHEST["clock"])
+    def explained(size: float) -> float:
+        length = max(left[0.0].length, left[size].length)
+        return -2.0 * float(count) / length * lost(size)
+
+    count = int(as_is.rows.torque.shape[1])
+    low, size, high = _bracket(lost, least, FARTHEST["clock"])
+    # Of a parabola, some four fifths of what the best size explains.
+    if lost(size) >= 0.0 or explained(size) < _HOPELESS * SURE**2:
+        return None
+    size = _least(lost, low, size, high)
     if abs(size) < least or lost(size) >= 0.0:
         return None
-    count, length = as_is.rows.torque.shape[1], max(left[0.0].length, left[size].length)
+    length = max(left[0.0].length, left[size].length)
     step = 0.5 * least
     bend = (lost(size + step) - 2.0 * lost(size) + lost(size - step)) / step**2
     error = float(np.sqrt(length / count / bend)) if bend > 0.0 else np.inf
@@ -111,20 +122,32 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
         size,
         error,
         error,
-        -2.0 * count / length * lost(size),
+        explained(size),
         harm=harm(free, factor, size),
         drives=drives_share(as_is),
     )
 
 
-def _least(lost: Callable[[float], float], step: float, most: float) -> float:
-    """Return where a function is least, from zero in growing steps; zero if there."""
+def _bracket(
+    lost: Callable[[float], float], step: float, most: float
+) -> tuple[float, float, float]:
+    """Return sizes around the least value of a function, found in growing steps.
+
+    The middle one is zero if the function rises on both sides.
+    """
     side = min((-step, step), key=lost)
     if lost(side) >= lost(0.0):
-        return 0.0
+        return -step, 0.0, step
     low, best, high = 0.0, side, _WIDEN * side + side
     while abs(high) < most and lost(high) < lost(best):
         low, best, high = best, high, high + _WIDEN * (high - best)
+    return low, best, high
+
+
+def _least(
+    lost: Callable[[float], float], low: float, best: float, high: float
+) -> float:
+    """Return where a function is least, between sizes of `_bracket`."""
     for _ in range(_HALVES):
         before, after = 0.5 * (low + best), 0.5 * (best + high)
         least = min((best, before, after), key=lost)

@@ -58,6 +58,26 @@ def test_a_right_clock_and_one_that_is_off_by_less_than_counts_are_not_named(fac
     assert free_clock_findings(FactorLogs.of(_foreign(), [_clocked(log, factor)])) == []
 
 
+def test_a_clock_that_is_far_from_sure_is_not_looked_for_exactly(monkeypatch):
+    _, log = logged(1)
+    as_is = FactorLogs.of(_foreign(), [_clocked(log, 1.3)])
+    found, looked = estimated(as_is), []
+    least = free_clock._least
+
+    def noted(*arguments):
+        looked.append(arguments)
+        return least(*arguments)
+
+    monkeypatch.setattr(free_clock, "_least", noted)
+    for share, looks in ((0.9, 1), (10.0, 0)):  # of a sure clock, by a parabola
+        sure = np.sqrt(found.explained * share / free_clock._HOPELESS)
+        monkeypatch.setattr(free_clock, "SURE", sure if looks == 0 else sure / 2.0)
+        looked.clear()
+        again = estimated(as_is)
+        assert len(looked) == looks
+        assert (again is None) == (looks == 0)
+
+
 @pytest.mark.parametrize(
     ("explained", "harm", "severity"),
     [(0.9, 0.5, None), (1.1, 0.05, "warning"), (1.1, 0.15, "fault")],
