@@ -69,9 +69,9 @@ def test_a_clock_that_is_far_from_sure_is_not_looked_for_exactly(monkeypatch):
         return least(*arguments)
 
     monkeypatch.setattr(free_clock, "_least", noted)
-    for share, looks in ((0.9, 1), (10.0, 0)):  # of a sure clock, by a parabola
-        sure = np.sqrt(found.explained * share / free_clock._HOPELESS)
-        monkeypatch.setattr(free_clock, "SURE", sure if looks == 0 else sure / 2.0)
+    for share, looks in ((0.01, 1), (10.0, 0)):
+        sure = np.sqrt(share * found.explained / free_clock._HOPELESS)
+        monkeypatch.setattr(free_clock, "SURE", sure)
         looked.clear()
         again = estimated(as_is)
         assert len(looked) == looks
