@@ -118,6 +118,21 @@ class FactorRows:
         fewer.__dict__["each"] = [rows.without_loads for rows in self.each]
         return fewer
 
+    def with_drives_of(self, other: "FactorRows") -> "FactorRows":
+        """Return these rows with the drives' columns of other ones, of as many rows."""
+        bodies = self.model.layout.inertial_size
+        mixed = FactorRows(self.model, self.logs, loads=self.loads)
+        mixed.__dict__["each"] = [
+            replace(
+                own,
+                columns=np.concatenate(
+                    [own.columns[:, :bodies], its.columns[:, bodies:]], axis=1
+                ),
+            )
+            for own, its in zip(self.each, other.each, strict=True)
+        ]
+        return mixed
+
     @cached_property
     def factors(self) -> list[list[Matrix]]:
         """Triangular factors of each joint's columns and torque, group by group."""

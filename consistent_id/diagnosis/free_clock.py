@@ -10,6 +10,8 @@ whose clock is corrected by ``f``, the concentrated likelihood of ``f`` is that 
 over bodies, drives, and the noise of each joint.  ``n`` is the number of independent
 samples, by the longest correlation length of all joints: most of the residual is an
 error of the friction model, and a light joint that is all friction looks white.
+Drives keep the velocities of the log as it is: another clock would mend friction whose
+velocity scale is wrong.
 """
 
 from collections.abc import Callable, Sequence
@@ -97,7 +99,8 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
 
     def lost(size: float) -> float:
         if size not in left:
-            left[size] = _Left.of(as_is.without(factor, size).rows)
+            moved = as_is.without(factor, size).rows
+            left[size] = _Left.of(moved.with_drives_of(as_is.rows))
         return float(np.sum(left[size].sizes - left[0.0].sizes))
 
     def explained(size: float) -> float:
