@@ -10,8 +10,8 @@ whose clock is corrected by ``f``, the concentrated likelihood of ``f`` is that 
 over bodies, drives, and the noise of each joint.  ``n`` is the number of independent
 samples, by the longest correlation length of all joints: most of the residual is an
 error of the friction model, and a light joint that is all friction looks white.
-Drives keep the velocities of the log as it is: another clock would mend friction whose
-velocity scale is wrong.
+Drives have the velocities of the log as it is, or of the other clock, whichever leaves
+more: another clock alone would mend friction whose velocity scale is wrong.
 """
 
 from collections.abc import Callable, Sequence
@@ -100,7 +100,8 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
     def lost(size: float) -> float:
         if size not in left:
             moved = as_is.without(factor, size).rows
-            left[size] = _Left.of(moved.with_drives_of(as_is.rows))
+            both = (_Left.of(moved), _Left.of(moved.with_drives_of(as_is.rows)))
+            left[size] = max(both, key=lambda one: float(one.sizes.sum()))
         return float(np.sum(left[size].sizes - left[0.0].sizes))
 
     def explained(size: float) -> float:
