@@ -18,7 +18,11 @@ from consistent_id.diagnosis.explain import (
 )
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.free_clock import misfit_without_clock
-from consistent_id.diagnosis.joint_shifts import misfit_without_shifts, together
+from consistent_id.diagnosis.joint_shifts import (
+    all_faults_are,
+    misfit_without_shifts,
+    together,
+)
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import best_fit
 
@@ -38,8 +42,7 @@ def scale_instead(
     found : sequence of LogFinding
         Findings of all these logs together.
     """
-    faults = [f for f in found if f.severity == "fault"]
-    if not faults or any(f.kind not in STAND_INS for f in faults):
+    if not all_faults_are(STAND_INS, found):
         return list(found)
     best = _best_scale(logs)
     if best is None or best.score < 1.0:

@@ -32,7 +32,11 @@ from consistent_id.diagnosis.factor_rows import (
     residual_of,
 )
 from consistent_id.diagnosis.findings import LogFinding, Severity
-from consistent_id.diagnosis.joint_shifts import misfit_without_shifts, together
+from consistent_id.diagnosis.joint_shifts import (
+    all_faults_are,
+    misfit_without_shifts,
+    together,
+)
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.regression.correlated_noise import correlation_lengths
 
@@ -78,6 +82,38 @@ class _Left:
         return cls(logs, float(lengths.max()))
 
 
+class _Speeds:
+    """The likelihood of clocks' speeds, by their logarithm; each is computed once."""
+
+    def __init__(self, as_is: FactorLogs) -> None:
+        self.factor = next(f for f in factors_of(as_is.model) if f.kind == "clock")
+        self._as_is, self._count = as_is, int(as_is.rows.torque.shape[1])
+        self._left = {0.0: _Left.of(as_is.rows)}
+
+    def lost(self, size: float) -> float:
+        """Return the sum over joints of logarithms of residuals, less that of zero."""
+        if size not in self._left:
+            moved = self._as_is.without(self.factor, size).rows
+            both = (_Left.of(moved), _Left.of(moved.with_drives_of(self._as_is.rows)))
+            self._left[size] = max(both, key=lambda one: float(one.sizes.sum()))
+        return float(np.sum(self._left[size].sizes - self._left[0.0].sizes))
+
+    def independent(self, size: float) -> float:
+        """Return the number of independent samples, with this speed and without."""
+        self.lost(size)
+        return self._count / max(self._left[k].length for k in (0.0, size))
+
+    def explained(self, size: float) -> float:
+        """Return twice the logarithm of the likelihood ratio."""
+        return -2.0 * self.independent(size) * self.lost(size)
+
+    def error(self, size: float, step: float) -> float:
+        """Return the standard error, from the bend of the likelihood."""
+        low, middle, high = (self.lost(size + k * step) for k in (-1.0, 0.0, 1.0))
+        bend = (low - 2.0 * middle + high) / step**2
+        return float((self.independent(size) * bend) ** -0.5) if bend > 0.0 else np.inf
+
+
 def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | None:
     """Estimate the speed of the clock with free bodies.
 
@@ -90,44 +126,26 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
     -------
     FoundFactor or None
         None if no speed that differs by the least size is likelier than none, or all
-        are far from sure.
-        `explained` is twice the logarithm of the likelihood ratio.
+        are far from sure.  `explained` is twice the logarithm of the likelihood ratio.
     """
-    factor = next(f for f in factors_of(as_is.model) if f.kind == "clock")
-    least = factor.least if least is None else least
-    left = {0.0: _Left.of(as_is.rows)}
-
-    def lost(size: float) -> float:
-        if size not in left:
-            moved = as_is.without(factor, size).rows
-            both = (_Left.of(moved), _Left.of(moved.with_drives_of(as_is.rows)))
-            left[size] = max(both, key=lambda one: float(one.sizes.sum()))
-        return float(np.sum(left[size].sizes - left[0.0].sizes))
-
-    def explained(size: float) -> float:
-        length = max(left[0.0].length, left[size].length)
-        return -2.0 * float(count) / length * lost(size)
-
-    count = int(as_is.rows.torque.shape[1])
-    low, size, high = _bracket(lost, least, FARTHEST["clock"])
+    speeds = _Speeds(as_is)
+    least = speeds.factor.least if least is None else least
+    low, size, high = _bracket(speeds.lost, least, FARTHEST["clock"])
     # Of a parabola, some four fifths of what the best size explains.
-    if lost(size) >= 0.0 or explained(size) < _HOPELESS * SURE**2:
+    if speeds.explained(size) < _HOPELESS * SURE**2:
         return None
-    size = _least(lost, low, size, high)
-    if abs(size) < least or lost(size) >= 0.0:
+    size = _least(speeds.lost, low, size, high)
+    if abs(size) < least:
         return None
-    length = max(left[0.0].length, left[size].length)
-    step = 0.5 * least
-    bend = (lost(size + step) - 2.0 * lost(size) + lost(size - step)) / step**2
-    error = float(np.sqrt(length / count / bend)) if bend > 0.0 else np.inf
+    error = speeds.error(size, 0.5 * least)
     free = replace(as_is, widths=_FREE * as_is.widths)
     return FoundFactor(
-        factor,
+        speeds.factor,
         size,
         error,
         error,
-        explained(size),
-        harm=harm(free, factor, size),
+        speeds.explained(size),
+        harm=harm(free, speeds.factor, size),
         drives=drives_share(as_is),
     )
 
@@ -187,8 +205,7 @@ def clock_instead(
     found : sequence of LogFinding
         Findings of all these logs together.
     """
-    faults = [f for f in found if f.severity == "fault"]
-    if not faults or any(f.kind not in _STAND_INS for f in faults):
+    if not all_faults_are(_STAND_INS, found):
         return list(found)
     clock = _of_all(logs)
     if clock is None or misfit_with(clock, logs) >= misfit_without_shifts(logs):

@@ -4,7 +4,7 @@ The linearisation of each log (`small_shifts`) is repeated at its own best fit, 
 zeros and gains found so far taken out.  Nominal bodies may contradict the result.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -72,6 +72,12 @@ def _moved(logs: Sequence[FittedLog]) -> Moved:
         logs[0].factors.model,
         lambda sizes: [_linearised(corrected_shifts(log, sizes)) for log in logs],
     )
+
+
+def all_faults_are(kinds: Collection[str], found: Sequence[LogFinding]) -> bool:
+    """Return whether there are faults, and all are of kinds that others look like."""
+    faults = {f.kind for f in found if f.severity == "fault"}
+    return bool(faults) and faults <= {*kinds}
 
 
 def misfit_without_shifts(logs: Sequence[FittedLog]) -> float:

@@ -11,6 +11,7 @@ import os
 import time as clock
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -144,14 +145,14 @@ def design_trajectory(
         _require_long_enough(one, aim, limits)
     require_clear_pose(required, seed)
     base = base_for(measured, aim.interest, known=aim.others == "known")
-    searched = [search_problem(measured, base, one, aim, limits) for one in forms]
-    poses, drawing = clear_poses(required, seed), _DRAWN * time_limit
-    problems = [
-        replace(
-            problem.guarded(required.guards), seed=seed, drawing=drawing, poses=poses
-        )
-        for problem in searched
-    ]
+    alike = partial(
+        replace,
+        seed=seed,
+        drawing=_DRAWN * time_limit,
+        poses=clear_poses(required, seed),
+    )
+    searched = (search_problem(measured, base, one, aim, limits) for one in forms)
+    problems = [alike(problem.guarded(required.guards)) for problem in searched]
     _warn_if_short(problems, time_limit)
     with noted_interrupts(keeps_results=True) as interrupted:
         lanes = Lanes(shares, interrupted, where, progress)

@@ -162,65 +162,93 @@ def not_found(
     known: KnownColumns,
 ) -> RecordingError:
     """Return the error of a channel without columns, with advice."""
-    example = _EXAMPLES[channel]
+    more, options = _advice(log, channel, names, joints, known)
+    flag = channel.replace("_", "-")
+    return RecordingError(
+        f"{log}: found no column that is the {channel} of {shown(joints)}; the "
+        f"log has {shown(names, joints)}. Name it: --{flag} {_EXAMPLES[channel]}, or "
+        "with {number} for the joint's place from 1, {index} from 0." + more,
+        options=options,
+    )
+
+
+def _advice(
+    log: Path,
+    channel: str,
+    names: Sequence[str],
+    joints: tuple[str, ...],
+    known: KnownColumns,
+) -> tuple[str, str]:
+    """Return what else may be the channel, and options; empty where nothing may."""
     runs = numbered_columns(names)
     others = [run for run in runs if channel_of(run.pattern) == channel]
     own = own_names(names) if channel == "position" else ()
-    more = options = ""
     in_groups = _by_numbers(log, names, joints, known, arrays_of_a_group)
     if in_groups is not None:
-        more, options = in_groups
-    elif len(own) > 1 and len(own) >= max(map(len, others), default=0):
-        more = mapping_advice(own, joints)
-        options = mapping_option(own, joints)
-    elif others and len(others[0]) > len(joints) and known.names is None:
-        more, options = _of_more_columns(log, runs, others[0], joints, known)
-    elif others:
-        options = _locked(len(others[0]), joints, known.rows)
-        more = _of_another_number(
-            f"{others[0]} are", len(others[0]), joints, known.rows
-        )
-    elif channel == "torque" and (currents := name_patterns("current", names, joints)):
+        return in_groups
+    if len(own) > 1 and len(own) >= max(map(len, others), default=0):
+        return mapping_advice(own, joints), mapping_option(own, joints)
+    if others and len(others[0]) > len(joints) and known.names is None:
+        return _of_more_columns(log, runs, others[0], joints, known)
+    if others:
+        number, rows = len(others[0]), known.rows
+        more = _of_another_number(f"{others[0]} are", number, joints, rows)
+        return more, _locked(number, joints, rows)
+    if channel == "torque":
+        torque = _advice_on_torque(runs, names, joints, known)
+        if torque is not None:
+            return torque
+    if found := _by_numbers(log, names, joints, known, unknown_columns):
+        return found
+    if not any(joint in name for joint in joints for name in names):
+        return " If the log has other names of joints: --names NAME=JOINT ...", ""
+    return "", ""
+
+
+def _advice_on_torque(
+    runs: Sequence[NumberedColumns],
+    names: Sequence[str],
+    joints: tuple[str, ...],
+    known: KnownColumns,
+) -> tuple[str, str] | None:
+    """Return what may take the place of torque, and options; None where nothing may.
+
+    Motor currents, a controller's state, commands of drives with known gains, or the
+    only columns whose names say nothing known.
+    """
+    of_commands = f"--gains {GAINS} --bodies model"
+    if currents := name_patterns("current", names, joints):
         more = (
             f" {currents[0].text} are motor currents: convert them to torque with "
             f"the N m per ampere of each joint, gear ratio included: --torque-gain "
             f"NUMBER ...{_of_controllers(names, joints)}"
         )
-    elif channel == "torque" and _of_controllers(names, joints):
-        more = _of_controllers(names, joints)
-    elif channel == "torque" and (
-        commands := candidates("position_command", names, joints, KnownColumns(joints))
-    ):
+        return more, ""
+    if of_controllers := _of_controllers(names, joints):
+        return of_controllers, ""
+    alone = KnownColumns(joints)
+    if commands := candidates("position_command", names, joints, alone):
         more = (
             f" {WITHOUT_TORQUE} Or let the gains of the drives (N m/rad, N m s/rad) "
             f"make torque of the commands in {commands[0].text}: --gains KP,KD[,LIMIT] "
             "... --bodies model; consistent-id rollout ROBOT LOG with the same options "
             "then replays the log and fits the drives"
         )
-        options = f"--gains {GAINS} --bodies model"
-    elif channel == "torque" and "position_command" in known.channels:
+        return more, of_commands
+    if stated := known.channels.get("position_command"):
         more = (
-            f" The gains of the drives make torque of the commands in "
-            f"{known.channels['position_command']}: --gains KP,KD[,LIMIT] ..."
+            f" The gains of the drives make torque of the commands in {stated}: "
+            "--gains KP,KD[,LIMIT] ..."
         )
-        options = f"--gains {GAINS} --bodies model"
-    elif channel == "torque" and (unknown := _unknown(runs, names, joints)):
+        return more, of_commands
+    if unknown := _unknown(runs, names, joints):
         what, options = unknown
         more = (
             f" Of the columns without a known word, only {what} are as many as the "
             f"joints: if they are torques or motor currents: {options}"
         )
-    elif found := _by_numbers(log, names, joints, known, unknown_columns):
-        more, options = found
-    elif not any(joint in name for joint in joints for name in names):
-        more = " If the log has other names of joints: --names NAME=JOINT ..."
-    flag = channel.replace("_", "-")
-    return RecordingError(
-        f"{log}: found no column that is the {channel} of {shown(joints)}; the "
-        f"log has {shown(names, joints)}. Name it: --{flag} {example}, or with "
-        f"{{number}} for the joint's place from 1, {{index}} from 0.{more}",
-        options=options,
-    )
+        return more, options
+    return None
 
 
 def _of_more_columns(

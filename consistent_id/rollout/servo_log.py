@@ -464,17 +464,7 @@ def _pieces(
     held = _held(arrays["enabled"]) if "enabled" in arrays else None
     for number, part in enumerate(kept, start=1):
         position = unit * arrays["position"][part]
-        if np.ptp(position) > _MOST_ANGLE:
-            whole = bool((position == np.round(position)).all())
-            positive = bool(position.min() >= 0.0)
-            ticks = f"--angles ticks --zero {_MIDDLE:g}" if positive else ""
-            raise RecordingError(
-                f"{name}: position covers {np.ptp(position):.4g} rad, more than two "
-                "turns; if it is in degrees or ticks say --angles deg or --angles ticks"
-                + f" (whole numbers are ticks: {ticks})"
-                * (whole and bool(ticks)),
-                options=ticks if whole else "--angles deg",
-            )
+        _require_radians(name, position)
         cut = {
             role: values[part]
             for role, values in arrays.items()
@@ -491,6 +481,23 @@ def _pieces(
             temperature=_means(cut["temperature"]) if "temperature" in cut else None,
             enabled=None if held is None else held[part],
         )
+
+
+def _require_radians(name: str, position: Matrix) -> None:
+    """Refuse positions that cover more than a servo's travel, with their unit."""
+    if np.ptp(position) <= _MOST_ANGLE:
+        return
+    more, options = "", "--angles deg"
+    if (position == np.round(position)).all():
+        options = "--angles ticks"
+        if position.min() >= 0.0:
+            options = f"{options} --zero {_MIDDLE:g}"
+            more = f" (whole numbers are ticks: {options})"
+    raise RecordingError(
+        f"{name}: position covers {np.ptp(position):.4g} rad, more than two "
+        f"turns; if it is in degrees or ticks say --angles deg or --angles ticks{more}",
+        options=options,
+    )
 
 
 def _means(values: Matrix) -> Vector:

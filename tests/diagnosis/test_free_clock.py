@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from faulty_logs import DRIVE, at_samples, clean_log
 from faulty_logs import arm as other_arm
-from faulty_logs import at_samples, clean_log
-from known_arm import arm, logged
+from known_arm import arm, logged, slow_log
 
 from consistent_id import InertialParameters
 from consistent_id.diagnosis import all_logs, diagnose, free_clock
@@ -56,6 +56,14 @@ def test_the_clock_is_known_though_nominal_bodies_are_wrong(factor):
 def test_a_right_clock_and_one_that_is_off_by_less_than_counts_are_not_named(factor):
     _, log = logged(1)
     assert free_clock_findings(FactorLogs.of(_foreign(), [_clocked(log, factor)])) == []
+
+
+@pytest.mark.parametrize("velocity_scale", [0.01, 0.05, 0.08])
+def test_a_wrong_width_of_friction_is_no_clock(velocity_scale):
+    """The model says 0.02: with another clock, its friction has the true width."""
+    model = replace(arm(), drive=DRIVE)
+    log = slow_log(model, velocity_scale)
+    assert estimated(FactorLogs.of(model, [log])) is None
 
 
 def test_a_clock_that_is_far_from_sure_is_not_looked_for_exactly(monkeypatch):

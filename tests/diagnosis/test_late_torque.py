@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from faulty_logs import DRIVE, arm, clean_log, logs
 
-from consistent_id import DriveTerms, Recording, simulate_torque
 from consistent_id.diagnosis import diagnose
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
 from consistent_id.diagnosis.torque_causes import late_torque, low_pass
 from consistent_id.regression import base_parameters
-from consistent_id.robot.scaling import reference_bodies
 
 RATE = 200.0  # Hz, of the logs
 
@@ -72,30 +70,12 @@ def test_a_clock_at_half_speed_is_found_without_velocities():
     assert speed == pytest.approx(2.0, rel=0.1)
 
 
-def _slow_log(model, velocity_scale):
-    """Return a log of slow motion, most of whose torque is gravity and friction."""
-    rng, time = np.random.default_rng(1), np.arange(3000) / 100.0
-    w = 2.0 * np.pi * rng.uniform(0.02, 0.08, (4, 3, 1))
-    angle = w * time + rng.uniform(0.0, 6.0, (4, 3, 1))
-    q, dq, ddq = (
-        0.3 * part.sum(axis=1).T
-        for part in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle))
-    )
-    drive = DriveTerms(
-        viscous=True, coulomb="tanh", velocity_scale=velocity_scale, offset=True
-    )
-    truth = [*np.ravel(reference_bodies(model.robot)), *[2.0, 8.0, 0.3] * 4]
-    motion = Recording(model.robot.joint_names, time, q, dq, ddq)
-    true_model = replace(model, drive=drive)
-    return simulate_torque(true_model, np.array(truth), motion, noise=0.1, rng=rng)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("velocity_scale", [0.01, 0.05, 0.08])
 def test_a_wrong_velocity_of_friction_is_no_clock(velocity_scale):
     """The model says 0.02: a clock 2, 0.4 and 0.25 times as fast mends the friction."""
     model = replace(known_arm.arm(), drive=DRIVE)
-    found = diagnose(model, _slow_log(model, velocity_scale))
+    found = diagnose(model, known_arm.slow_log(model, velocity_scale))
     assert found.of("clock") == ()
     assert found.of("masses or gain") == ()
     assert found.faults == ()

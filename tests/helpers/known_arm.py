@@ -14,6 +14,7 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.robot.model import Link
+from consistent_id.robot.scaling import reference_bodies
 
 _DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.05, offset=True)
 _ROWS = [
@@ -91,3 +92,21 @@ def pendulum(turned):
     rng = np.random.default_rng(0)
     log = simulate_torque(model, truth, motion, noise=0.02, rng=rng)
     return model, replace(log, position=log.position - turned)
+
+
+def slow_log(model, velocity_scale):
+    """Return a log of slow motion, most of whose torque is gravity and friction."""
+    rng, time = np.random.default_rng(1), np.arange(3000) / 100.0
+    w = 2.0 * np.pi * rng.uniform(0.02, 0.08, (4, 3, 1))
+    angle = w * time + rng.uniform(0.0, 6.0, (4, 3, 1))
+    q, dq, ddq = (
+        0.3 * part.sum(axis=1).T
+        for part in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle))
+    )
+    drive = DriveTerms(
+        viscous=True, coulomb="tanh", velocity_scale=velocity_scale, offset=True
+    )
+    truth = [*np.ravel(reference_bodies(model.robot)), *[2.0, 8.0, 0.3] * 4]
+    motion = Recording(model.robot.joint_names, time, q, dq, ddq)
+    true_model = replace(model, drive=drive)
+    return simulate_torque(true_model, np.array(truth), motion, noise=0.1, rng=rng)
