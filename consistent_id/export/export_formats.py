@@ -386,7 +386,7 @@ def _of_moving_joints(estimate: "Estimate") -> tuple[str, ...]:
     fixed = [frame.name for link in robot.links for frame in link.merged]
     if not fixed and not robot.ground:
         return ()
-    count = len(robot.joints)
+    count = sum(joint.kind != "free" for joint in robot.joints)
     joints = "1 joint that moves" if count == 1 else f"{count} joints that move"
     inside = f": {', '.join(fixed[:_NAMED])}" if fixed else ""
     more = f" and {len(fixed) - _NAMED} more" if len(fixed) > _NAMED else ""

@@ -177,15 +177,18 @@ def test_a_problem_of_many_rows_has_the_same_norms_in_few():
 
 
 def test_a_gap_that_is_small_enough_is_not_made_smaller():
-    problem, answer = _triangular(0)
-    near = solve_least_norm(problem, tolerance=1e-4)
+    """A direction of little curvature is better treated as flat, which takes longer."""
+    problem, _ = _triangular(0)
+    G = problem.G.copy()
+    G[-1] *= 1e-6
+    problem = replace(problem, G=G)
+    near, best = (solve_least_norm(problem, tolerance=one) for one in (1e-4, 1e-10))
     within = ball_about(np.zeros(6))
     tight, loose = (
         certify(problem, near, within, enough=share).gap for share in (1e-12, 1.0)
     )
-    excess = np.sum((problem.G @ near.u - problem.g) ** 2)
-    excess /= np.sum((problem.G @ answer - problem.g) ** 2)
-    assert excess - 1.0 <= tight <= loose
+    squares = [np.sum((G @ one.u - problem.g) ** 2) for one in (near, best)]
+    assert squares[0] / squares[1] - 1.0 <= tight <= 0.5 * loose
 
 
 def without_free_optimum(monkeypatch):

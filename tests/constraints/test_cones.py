@@ -196,6 +196,16 @@ def test_one_solver_finds_the_points_that_single_programmes_find(tolerance):
         assert norms[0] == pytest.approx(norms[1], rel=10.0 * tolerance)
 
 
+@pytest.mark.parametrize("entry", [np.nan, np.inf])
+def test_one_solver_refuses_what_is_not_finite(entry):
+    problem = _projection(3)
+    find = point_finder(problem.G, problem.domain, tolerance=1e-6, origin=np.zeros(10))
+    g = problem.g.copy()
+    g[1] = entry
+    with pytest.raises(SolverError, match="finite"):
+        find(g)
+
+
 def test_a_set_without_a_point_has_no_minimiser():
     A = np.array([[1.0], [-1.0]])
     empty = ConicSet.at_most(A, np.array([0.0, -1.0]), ["low", "high"])

@@ -169,6 +169,16 @@ def test_random_paths_swing_about_known_poses_where_none_is_clear(monkeypatch):
     assert np.allclose(offset, 0.0)
 
 
+def test_random_paths_are_remembered_by_their_poses_and_cannot_be_changed():
+    of = problem()
+    poses = (np.zeros((1, 3)), np.full((1, 3), 0.1))
+    one, same, other = (replace(of, poses=poses[k]).drawn(0) for k in (0, 0, 1))
+    assert one is same
+    assert one is not other
+    with pytest.raises(ValueError, match="read-only"):
+        one.path[0] = 1.0
+
+
 def test_clear_poses_have_room_to_swing():
     required = demands(TorqueModel(arm(3)), arm_limits(arm(3)), scene=scene())
     guards = required.guards

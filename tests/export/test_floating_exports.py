@@ -16,6 +16,7 @@ from consistent_id import (
     to_urdf,
 )
 from consistent_id.export import to_casadi, to_json, to_numpy, to_pinocchio
+from consistent_id.export.export_formats import exported
 from consistent_id.recordings import BaseMotion
 from consistent_id.regression import (
     contact_free_base,
@@ -30,7 +31,8 @@ THREE = [[i != j for j in range(4)] for i in range(4)]
 @pytest.fixture(scope="module")
 def source(tmp_path_factory):
     path = tmp_path_factory.mktemp("robot") / "quadruped.xml"
-    path.write_text(quadruped_text())
+    head = '<body name="head"><geom size="0.1" mass="1"/></body>'
+    path.write_text(quadruped_text(f"<freejoint/>{head}"))
     return path
 
 
@@ -61,6 +63,11 @@ def test_mjcf_has_the_bases_body(estimate, source, tmp_path, in_place):
     given = {"source": source} if in_place else {}
     path.write_bytes(to_mjcf(estimate, allow_refused=True, **given).content)
     assert_same_bodies(load_mjcf(path, base="floating"), estimate)
+
+
+def test_the_free_joint_of_the_base_is_not_counted_as_one_that_moves(estimate):
+    notes = exported(estimate, "mjcf", allow_refused=True).notes
+    assert any("only the 12 joints that move" in note for note in notes)
 
 
 @pytest.mark.slow

@@ -425,3 +425,12 @@ def test_a_file_of_any_ending_is_read_with_the_meshes_beside_it(name, tmp_path):
     found, same = (load_mjcf(tmp_path / one) for one in (name, "robot.xml"))
     assert found.joint_names == ("lift",)
     assert np.allclose(found.nominal, same.nominal, rtol=1e-12, atol=0.0)
+
+
+@pytest.mark.parametrize("name", ["robot.mjcf", "robot.txt"])
+def test_a_file_of_any_ending_has_what_it_includes(written, name):
+    same = load_mjcf(written())
+    path = written().rename(written().parent / name)
+    path.write_text("\ufeff" + path.read_text(), encoding="utf-8")  # as Windows does
+    found = load_mjcf(path)
+    assert np.allclose(found.nominal, same.nominal, rtol=1e-12, atol=0.0)

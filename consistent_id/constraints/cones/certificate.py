@@ -206,7 +206,7 @@ def certify(
     below : Parabola
         Below the function whose optimality is proven.
     enough : float
-        Relative gap from which no smaller one is looked for.
+        Relative gap that is small enough: no tighter bound is then computed.
     """
     domain, centre = problem.domain, within.centre
     objective, curvature, triangle = below
@@ -272,8 +272,9 @@ def solve_certified(
     The methods are: without inequalities, if the result satisfies them; at several
     tolerances, for large problems first unrefined, and magnified; then within the ball
     of the proof; then about the best point so far; then with half the square.  If a
-    larger gap is enough, a coarse tolerance is tried first.  If two results show that
-    the objective is `_FLAT`, other tolerances are skipped: balls are tried, each once.
+    larger gap is enough, the square and a coarse tolerance are tried first.  If two
+    results show that the objective is `_FLAT`, other tolerances are skipped: balls are
+    tried, each once.
 
     Raises
     ------

@@ -181,8 +181,13 @@ def point_finder(
 ) -> Callable[[Vector], Vector]:
     """Return a function from ``g`` to the point of least ``||G u - g||`` in a set.
 
-    The points are those of `solve_least_norm`.  Each thread needs a function of its
-    own: it has one solver, of which only the right-hand sides change.
+    The points are those of `solve_least_norm` up to the tolerance.  Each thread needs a
+    function of its own: it has one solver, of which only the right-hand sides change.
+
+    Raises
+    ------
+    SolverError
+        By the function, if ``g`` is not finite.
 
     Parameters
     ----------
@@ -208,6 +213,8 @@ def point_finder(
         )
 
     def point(g: Vector) -> Vector:
+        if not np.isfinite(g).all():
+            raise SolverError("the programme has entries that are not finite numbers")
         b[len(b) - len(g) :] = about - g
         with panics_as_errors():
             solver.update(b=b)

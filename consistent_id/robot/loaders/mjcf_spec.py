@@ -116,9 +116,21 @@ def spec_of_file(path: Path, mujoco: Any) -> Any:
     """
     if path.suffix.lower() in (".xml", ".urdf"):
         return mujoco.MjSpec.from_file(str(path))
-    spec = mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"))
+    text = path.read_text(encoding="utf-8-sig")
+    spec = mujoco.MjSpec.from_string(text, include=_included(path))
     spec.modelfiledir = str(path.absolute().parent)  # of meshes that it names
     return spec
+
+
+def _included(path: Path) -> dict[str, bytes]:
+    """Return the files that an MJCF file includes, by their names in it."""
+    return {
+        name: place.read_bytes()
+        for element in mjcf_elements(path)
+        if element.tag in ("include", "model")
+        and (name := element.attributes.get("file", ""))
+        and (place := path.parent / name).is_file()
+    }
 
 
 def read_spec(path: Path, mujoco: Any) -> Any:
