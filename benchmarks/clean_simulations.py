@@ -2,9 +2,10 @@
 
 ``python benchmarks/clean_simulations.py --seeds 0-29 [--folder FOLDER]``: a
 seed is an arm, its friction, rotors and noise, and a motion, all drawn at random; of
-nine arms, or of twenty from seed 10000 on.  A problem is drafted of its log, and looked
-through as ``consistent-id check`` does; of an accused log the verdict is shown as well.
-In `--folder` logs and problems are kept for the next run.
+nine arms, or of twenty from seed 10000 on; from 20000 on the arms move from pose to
+pose and stop there, before that along Fourier series.  A problem is drafted of its log,
+and looked through as ``consistent-id check`` does; of an accused log the verdict is
+shown as well.  In `--folder` logs and problems are kept for the next run.
 """
 
 import argparse
@@ -17,6 +18,7 @@ from time import process_time
 
 import numpy as np
 from faults_robots import Motion
+from point_to_point import PointToPoint, drawn_moves
 from repair import EXAMPLES
 from threadpoolctl import threadpool_limits
 
@@ -77,7 +79,7 @@ MORE: dict[str, tuple[str, str, str]] = {
 Seeds from `FIRST_OF_ALL` on are of all arms, those before of `ARMS`.
 """
 
-FIRST_OF_ALL = 10_000
+FIRST_OF_ALL, FIRST_OF_MOVES = 10_000, 20_000
 
 RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)  # Hz
 _WIDEST, _FASTEST = 1.6, 4.0  # rad, rad/s, where an arm's own limits are wider
@@ -112,7 +114,12 @@ def clean_log(seed: int, robot: ci.RobotModel | None = None) -> ci.Recording:
         robot = ci.load_robot(arm_file(arm_of(seed)), **part_of(arm_of(seed)))
     rate = float(rng.choice(RATES))
     time = np.arange(round(rate * rng.uniform(10.0, 25.0))) / rate
-    states = drawn_motion(robot, rng, time[-1]).at(robot.joint_names, time)
+    motion: Motion | PointToPoint
+    if seed >= FIRST_OF_MOVES:
+        motion = drawn_moves(robot, rng, time[-1], _FASTEST)
+    else:
+        motion = drawn_motion(robot, rng, time[-1])
+    states = motion.at(robot.joint_names, time)
     bodies = drawn_bodies(robot, rng, exact=bool(rng.integers(2)))
     rigid = ci.TorqueModel(robot)
     size = np.std(ci.simulate_torque(rigid, bodies, states).torque, axis=0)

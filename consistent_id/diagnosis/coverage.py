@@ -62,16 +62,19 @@ def of_samples(prepared: Recording) -> Recording:
     return replace(prepared, torque_filter=None, **channels)
 
 
-def standstill_findings(recording: Recording) -> list[LogFinding]:
-    """Warn of long times at which all joints rest."""
+def standing_share(recording: Recording) -> float:
+    """Return the share of samples in which all joints stand still."""
     velocity = recording.velocity
     if velocity is None or not velocity.any():
         velocity = np.gradient(recording.position, recording.time, axis=0)
     largest = abs(velocity).max(axis=0)
-    still = (abs(velocity) <= _STILL * np.where(largest > 0.0, largest, 1.0)).all(
-        axis=1
-    )
-    share = float(still.mean())
+    still = abs(velocity) <= _STILL * np.where(largest > 0.0, largest, 1.0)
+    return float(still.all(axis=1).mean())
+
+
+def standstill_findings(recording: Recording) -> list[LogFinding]:
+    """Warn of long times at which all joints rest."""
+    share = standing_share(recording)
     if share < _IDLE:
         return []
     return [

@@ -46,6 +46,7 @@ _REPEATS = 0.02  # share of rows that repeat others: a fault
 _FROZEN = 0.1  # share of the log with one constant value that is reported
 _MOVING = 0.01  # rad or m of travel in another channel that shows motion,
 _STEPS = 2.0  # and steps of the encoder, within which a position stays constant
+_UNIFORM = 0.05  # share of the way by which a joint at one speed leaves its line
 _WHOLE = 0.2  # s for which all channels stay as they are,
 _ENOUGH = 100  # samples in motion, which show what changes of speed are usual,
 _SUDDEN = 5.0  # times a large change of speed in one sample: the log stood, no robot
@@ -73,7 +74,10 @@ _TINY = 1e-300  # N m or N: least divisor in place of a size of zero
 
 
 def frozen_findings(recording: Recording) -> list[LogFinding]:
-    """Find channels that stay constant for a part of the log while the joint moves."""
+    """Find channels that stay constant for a part of the log while the joint moves.
+
+    A joint at one speed has one velocity, and its torque may be one, too.
+    """
     moved = recording.position
     if recording.velocity is not None:
         steps = np.diff(recording.time, prepend=recording.time[0])
@@ -81,27 +85,60 @@ def frozen_findings(recording: Recording) -> list[LogFinding]:
     found = []
     least = np.maximum(_MOVING, _STEPS * position_steps(recording))
     for k, joint in enumerate(recording.joints):
-        for name, motion in (
-            ("torque", recording.position),
-            ("position", moved),
-            ("velocity", recording.position),
-        ):
+        for name in ("torque", "position", "velocity"):
             values = getattr(recording, name)
             if values is None:
                 continue
-            run = longest_run(values[:, k])
-            length = run.stop - run.start
-            value = values[run.start, k]
-            limit = name == "torque" and _at_limit(values[:, k], float(value))
-            still = float(np.ptp(motion[run, k])) < least[k]
-            # A torque that is always constant is dead, whether the joint moves or not.
-            dead = name == "torque" and length == len(recording)
-            coarse = name == "torque" and _between_steps(values[:, k], run)
-            if limit or coarse or (still and not dead):
-                continue
-            if length >= _FROZEN * len(recording):
-                found.append(_frozen(recording, joint, name, run, float(value)))
+            motion = (moved if name == "position" else recording.position)[:, k]
+            for run in _constant_runs(values[:, k]):
+                path = motion[run] - motion[run.start]
+                if not _constant_as_it_is(
+                    name, values[:, k], run, path, recording.time[run], least[k]
+                ):
+                    value = float(values[run.start, k])
+                    found.append(_frozen(recording, joint, name, run, value))
+                    break
     return found
+
+
+def _constant_as_it_is(
+    name: str, values: Vector, run: slice, path: Vector, time: Vector, least: float
+) -> bool:
+    """Return whether the robot itself, a limit or coarse steps keep values constant.
+
+    Parameters
+    ----------
+    path : ndarray, [rad or m]
+        The way of the joint in this run, by another channel.
+    least : float, [rad or m]
+        A longer way is motion.
+    """
+    value, still = float(values[run.start]), float(np.ptp(path)) < least
+    passed = time - time[0]
+    if name == "velocity":
+        return still or _follows(path, value * passed, least)
+    if name == "position":
+        return still
+    if _at_limit(values, value) or _between_steps(values, run):
+        return True
+    # A torque that is always constant is dead, whether the joint moves or not.
+    if run.stop - run.start == len(values):
+        return False
+    speed = float(path @ passed / max(float(passed @ passed), _TINY))
+    return still or (value != 0.0 and _follows(path, speed * passed, least))
+
+
+def _follows(path: Vector, line: Vector, least: float) -> bool:
+    """Return whether a joint moves along a line."""
+    return float(np.ptp(path - line)) < max(least, _UNIFORM * float(np.ptp(path)))
+
+
+def _constant_runs(values: Vector) -> list[slice]:
+    """Return the runs of equal values that are long enough to be reported."""
+    edges = np.flatnonzero(np.diff(values) != 0.0) + 1
+    ends = np.concatenate([[0], edges, [len(values)]])
+    long = np.flatnonzero(np.diff(ends) >= _FROZEN * len(values))
+    return [slice(int(ends[k]), int(ends[k + 1])) for k in long]
 
 
 def _at_limit(values: Vector, value: float) -> bool:
@@ -193,14 +230,6 @@ def standing_findings(recording: Recording) -> list[LogFinding]:
             10.0,
         )
     ]
-
-
-def longest_run(values: Vector) -> slice:
-    """Return the longest run of equal values."""
-    edges = np.flatnonzero(np.diff(values) != 0.0) + 1
-    ends = np.concatenate([[0], edges, [len(values)]])
-    k = int(np.argmax(np.diff(ends)))
-    return slice(int(ends[k]), int(ends[k + 1]))
 
 
 def spike_findings(

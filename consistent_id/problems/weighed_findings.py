@@ -1,9 +1,10 @@
 """Warnings about a log, weighed by their effect on the estimate.
 
-A warning may concern a few outliers, a joint with coarse torque, or an odd part of the
-validation data.  The estimate is computed again without these rows, without that
+A warning may concern a few outliers, rests, a joint with coarse torque, or an odd part
+of the validation data.  The estimate is computed again without these rows, without that
 joint's torque, or with that part.  If it changes by less than a standard error, the
 warning becomes a note.  Several warnings without effect are also tested together.
+Rests in validation data change no estimate: they are a note up to half of the samples.
 
 Faults are not weighed, because a log with a fault is not searched for others.  Findings
 about the whole robot, such as a clock or a gain, are not weighed either.
@@ -15,6 +16,7 @@ from functools import reduce
 
 import numpy as np
 
+from consistent_id.diagnosis.coverage import standing_share
 from consistent_id.diagnosis.signal_faults import (
     position_steps,
     spike_findings,
@@ -34,14 +36,17 @@ from consistent_id.problems.problem import Problem
 from consistent_id.problems.robot_preparation import drift_of, not_too_fast
 from consistent_id.recordings.recording import LogFinding, Recording
 from consistent_id.recordings.signals.filtered_rows import altered
-from consistent_id.recordings.signals.masks import mask_onto
+from consistent_id.recordings.signals.masks import mask_onto, without_standstill
 
 _ROLES = ("training", "validation")
 _OF_JOINTS = ("noise", "torque resolution")
 # Findings in validation data that concern a joint's torque, or samples.
 _OF_A_PART = (*_OF_JOINTS, "outliers", "encoder resolution", "speed limit")
 # In a part that is too short, the absence of a change proves nothing.
-_OF_EXTENT = ("short", "small motion", "slow motion", "standstill")
+_OF_EXTENT = ("short", "small motion", "slow motion")
+_RESTS = (
+    0.5  # most of held-out samples at rest: the error in motion is 1.4 times larger
+)
 _AROUND = 3.0  # samples about an outlier that are left out with it
 _SEED = 0  # of the rounding errors that are added to a coarse position
 
@@ -95,6 +100,8 @@ def weighed_findings(
     parts: dict[int, _DataPart] = {}
     for finding in warnings:
         if finding.recording in held_out:
+            if finding.kind == "standstill":
+                notes |= _rests_held_out(problem, finding)
             if finding.kind not in _OF_A_PART:
                 continue
             change = _of_more(problem, finding, estimate, training, validation)
@@ -102,6 +109,9 @@ def weighed_findings(
         elif finding.kind == "encoder resolution":
             change = _of_rounding(problem, finding, estimate)
             words = "with other rounding errors"
+        elif finding.kind == "standstill":
+            change = _of_rests(problem, finding, estimate, training)
+            words = "without these samples"
         elif part := _part(problem, finding, training):
             change = _of_part(estimate, training, [part])
             words = part.words
@@ -130,8 +140,8 @@ def _part(
     problem: Problem, finding: LogFinding, training: Sequence[Recording]
 ) -> _DataPart | None:
     """Return the part of the training data that a finding concerns, if it is one."""
+    robot, reach = problem.moving, _reach(problem)
     if finding.kind == "speed limit":
-        robot, reach = problem.moving, _reach(problem)
         return _DataPart(
             "without these samples",
             cut=lambda log: not_too_fast(robot, log, "model", reach),
@@ -147,6 +157,38 @@ def _part(
     if finding.kind in _OF_JOINTS:
         return _DataPart("without the torque of this joint", joints)
     return None
+
+
+def _of_rests(
+    problem: Problem,
+    finding: LogFinding,
+    estimate: Estimate,
+    training: Sequence[Recording],
+) -> Influence | None:
+    """Return the effect of the rests of a recording, in standard errors.
+
+    Without its rests a log has all its motion, so standard errors tell enough.
+    """
+
+    def cut(log: Recording) -> Recording:
+        own = _logged_as(problem, log) == finding.recording
+        return without_standstill(log, reach=_reach(problem)) if own else log
+
+    found = _of_part(estimate, training, [_DataPart("", cut=cut)])
+    return found and replace(found, elsewhere=0.0)
+
+
+def _rests_held_out(problem: Problem, finding: LogFinding) -> dict[int, LogFinding]:
+    """Return the note on rests of a held-out recording, unless they are most of it."""
+    _, held_out = named_logs(problem)
+    (log, *others) = (one for one in held_out if one.name == finding.recording)
+    if others or (share := standing_share(log)) > _RESTS:
+        return {}
+    times = 1.0 / np.sqrt(1.0 - share)
+    said = (
+        f"{finding.statement}; in motion, errors are at most {times:.1f} times larger"
+    )
+    return {id(finding): replace(finding, severity="note", statement=said)}
 
 
 def _outliers(problem: Problem, finding: LogFinding) -> _Cut | None:

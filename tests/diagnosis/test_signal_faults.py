@@ -49,6 +49,39 @@ def test_a_channel_that_stops_while_the_joint_moves_is_frozen(channel):
     assert "from 10 s" in finding.statement
 
 
+def _cruising():
+    """A log whose second joint moves at one speed for 3 s of 20 s."""
+    log = clean_log(0)
+    velocity = log.velocity.copy()
+    velocity[2000:2600, 1] = 0.5
+    position = np.cumsum(velocity, axis=0) * np.diff(log.time)[0]
+    torque = log.torque.copy()
+    torque[2000:2600, 1] = 3.0
+    return replace(log, position=position, velocity=velocity, torque=torque)
+
+
+def test_a_joint_at_one_speed_has_one_velocity_and_may_have_one_torque():
+    assert frozen_findings(_cruising()) == []
+
+
+@pytest.mark.parametrize("channel", ["torque", "velocity"])
+def test_a_channel_that_stops_elsewhere_is_found_beside_a_joint_at_one_speed(channel):
+    log = _cruising()
+    values = getattr(log, channel).copy()
+    values[600:1100, 1] = values[600, 1]
+    (finding,) = frozen_findings(replace(log, **{channel: values}))
+    assert f"{channel} is {values[600, 1]:.4g} from 3 s" in finding.statement
+
+
+@pytest.mark.parametrize(("channel", "value"), [("torque", 0.0), ("velocity", 0.6)])
+def test_a_value_that_the_joints_speed_does_not_explain_is_frozen(channel, value):
+    log = _cruising()
+    values = getattr(log, channel).copy()
+    values[2000:2600, 1] = value
+    (finding,) = frozen_findings(replace(log, **{channel: values}))
+    assert channel in finding.statement
+
+
 @pytest.mark.parametrize("limit", [0.2, -0.6])
 def test_a_torque_that_is_limited_on_one_side_is_saturated_and_not_frozen(limit):
     # Largest in size on the other side, where it is not limited.

@@ -4,14 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from logged import write_arm
+from logged import DRIVE, FRICTION, write_arm
 
-from consistent_id import draft_problem, load_problem
+from consistent_id import (
+    Recording,
+    TorqueModel,
+    draft_problem,
+    load_problem,
+    simulate_torque,
+)
 from consistent_id.cli import main
 from consistent_id.problems.log_check import named_logs
 from consistent_id.problems.study import Study
 from consistent_id.problems.weighed_findings import weighed_findings
 from consistent_id.recordings.recording import LogFinding
+from consistent_id.robot import load_urdf
 
 HEADER = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
 ELBOW, ANGLE = 4, 2  # columns of the elbow's torque and position
@@ -54,6 +61,41 @@ def steps(column, size):
 
 def severities(found, kind):
     return {f.severity for f in found if f.kind == kind}
+
+
+def from_pose_to_pose(folder, held):
+    """The study of a log at rest for 1.6 of every 4 s, with friction of its own there.
+
+    Each rest holds the joints by a torque within `held` [N m].
+    """
+    urdf, log = write_arm(folder)
+    model, rng = TorqueModel(load_urdf(urdf), DRIVE), np.random.default_rng(0)
+    time = np.arange(6000) / 100.0
+    move, since = np.divmod(time, 4.0)
+    share = np.clip(since / 2.4, 0.0, 1.0)
+    turns = move + share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    q = np.column_stack([np.sin(2.9 * turns), 0.8 * np.sin(4.7 * turns + 1.0)])
+    dq = np.gradient(q, time, axis=0)
+    exact = Recording(("shoulder", "elbow"), time, q, dq, np.gradient(dq, time, axis=0))
+    truth = np.append(model.robot.nominal, FRICTION)
+    noisy = simulate_torque(model, truth, exact, noise=[0.6, 0.3], rng=rng)
+    stuck = held * rng.uniform(-1.0, 1.0, (15, 2))[move.astype(int)]
+    torque = noisy.torque + stuck * (share == 1.0)[:, None]
+    table = np.column_stack([time, q, torque])
+    np.savetxt(log, table, "%.9g", ",", header=HEADER, comments="")
+    drafted = draft_problem(urdf, log, select=False, cutoff=10.0)
+    return Study(drafted.problem())
+
+
+@pytest.mark.slow
+def test_rests_count_if_friction_there_changes_the_estimate(tmp_path):
+    for name, held, severity in (("free", 0.0, "note"), ("stuck", 2.5, "warning")):
+        (tmp_path / name).mkdir()
+        found = from_pose_to_pose(tmp_path / name, held)
+        assert severities(found.diagnosis.findings, "standstill") == {"warning"}
+        learnt, held_out = [f for f in found.findings if f.kind == "standstill"]
+        assert (learnt.severity, held_out.severity) == (severity, "note")
+        assert "in motion, errors are at most 1.3 times larger" in held_out.statement
 
 
 @pytest.mark.slow

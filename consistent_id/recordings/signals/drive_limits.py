@@ -1,19 +1,16 @@
 """Samples at or beyond the limits of drives: largest torque, rated speed."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import BoolArray, Vector, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording, velocities
-from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.recordings.signals.masks import (
     held_samples,
-    mask_onto,
     quantum,
     standstill,
+    unknown_where,
 )
 
 SPEED_ROUNDING = 1.05
@@ -147,15 +144,9 @@ def within_speed(
     >>> within_speed(log, 0.5).torque_known[:, 0].tolist()
     [True, True, True, False, False]
     """
-
-    def change(whole: Recording) -> Recording:
-        fast = beyond_speed(whole, limit)
-        known = ~mask_onto(whole, fast, whole, reach=reach)
-        if whole.torque_known is not None:
-            known &= whole.torque_known
-        return replace(whole, torque_known=known)
-
-    return altered(recording, change)
+    return unknown_where(
+        recording, lambda whole: beyond_speed(whole, limit), reach=reach
+    )
 
 
 def _robot_moves(recording: Recording) -> BoolArray:

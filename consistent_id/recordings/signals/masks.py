@@ -4,7 +4,7 @@ Around touch-down, lift-off and stops, a filter mixes samples before and after; 
 are left out by `without_impacts` and `without_rests`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -249,11 +249,49 @@ def without_rests(
         `rest_guard`. If it is positive, reversals count as rests, too, at any speed.
     """
 
+    def rests(whole: Recording) -> BoolArray:
+        slow = standstill(whole, velocity)
+        return slow | _turning(whole) if reach > 0.0 else slow
+
+    return unknown_where(recording, rests, reach=reach)
+
+
+def without_standstill(recording: Recording, *, reach: float = 0.0) -> Recording:
+    """Return a recording whose torque is unknown where all joints stand still.
+
+    Parameters
+    ----------
+    recording : Recording
+    reach : float, [s]
+        As for `without_rests`.
+    """
+
+    def still(whole: Recording) -> BoolArray:
+        rests = standstill(whole)
+        return np.broadcast_to(np.all(rests, axis=1, keepdims=True), rests.shape)
+
+    return unknown_where(recording, still, reach=reach)
+
+
+def unknown_where(
+    recording: Recording,
+    mask: Callable[[Recording], BoolArray],
+    *,
+    reach: float = 0.0,
+) -> Recording:
+    """Return a recording in which the torque of masked samples counts as unknown.
+
+    Parameters
+    ----------
+    recording : Recording
+    mask : callable
+        Function that returns the samples of a recording, shape (samples, joints).
+    reach : float, [s]
+        Time before and after these samples for which torque is not known, either.
+    """
+
     def change(whole: Recording) -> Recording:
-        rests = standstill(whole, velocity)
-        if reach > 0.0:
-            rests = rests | _turning(whole)
-        known = ~mask_onto(whole, rests, whole, reach=reach)
+        known = ~mask_onto(whole, mask(whole), whole, reach=reach)
         if whole.torque_known is not None:
             known &= whole.torque_known
         return replace(whole, torque_known=known)
