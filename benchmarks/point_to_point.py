@@ -65,7 +65,10 @@ class PointToPoint:
 def drawn_moves(
     robot: ci.RobotModel, rng: np.random.Generator, duration: float, fastest: float
 ) -> PointToPoint:
-    """Return moves between random poses, within limits of travel and speed."""
+    """Return moves between random poses, within limits of travel and speed.
+
+    In one of three motions the joints move one after another, each there and back.
+    """
     low, high, most = (np.zeros(len(robot)) for _ in range(3))
     for j, joint in enumerate(robot.driven):
         first = max(joint.limits.lower, -np.pi)
@@ -76,9 +79,15 @@ def drawn_moves(
     flanks, smooth = rng.uniform(0.1, 0.5), bool(rng.integers(2))
     peak = 1.875 if smooth else 1.0 / (1.0 - flanks)  # speed over its mean
     tempo, rest = rng.uniform(0.4, 0.9), rng.choice([0.0, 0.3, 1.0])
+    alone = not rng.integers(3)
     poses, starts, lengths, now = [rng.uniform(low, high)], [], [], 0.0
     while now < duration:
         poses.append(rng.uniform(low, high))
+        if alone:
+            moves = np.arange(len(robot)) == (len(starts) // 2) % len(robot)
+            poses[-1] = np.where(moves, poses[-1], poses[-2])
+            if len(starts) % 2:
+                poses[-1] = poses[-3]
         way = abs(poses[-1] - poses[-2])
         lengths.append(max(float((peak * way / (tempo * most)).max()), 0.3))
         starts.append(now)

@@ -1,7 +1,7 @@
 """Limits of a log's information: rests, saturation, small motion, rank, motion noise.
 
-Motion noise stands in the columns of the regressor.  With ``W + V`` in place of ``W``
-least squares tends to ``(W^T W + V^T V)^-1 W^T W x``: to first order its bias is
+Motion noise stands in the columns of the regressor.  With ``W = W_0 + V`` in place of
+``W_0`` least squares tends to ``(W^T W)^-1 W_0^T W_0 x``: its bias is
 ``-(W^T W)^-1 V^T V x``, which does not fall with the number of samples.
 """
 
@@ -263,6 +263,7 @@ Least squares underestimates a parameter by about this share.
 # Bias of the torque, over the torque, up to which this is a note: models that are
 # called good predict to 2 %, and a quarter of that adds 3 % to their error.
 _LITTLE_BIAS = 0.005
+_NO_MOTION = 1e-12  # power of a direction, over the largest, that is rounding alone
 
 _STRETCH = 2000  # samples from which the noise of the readings is estimated
 _NAMED = 3  # most columns that a finding names
@@ -337,7 +338,7 @@ class ColumnNoise:
     shares : ndarray, shape (base,)
         Share of noise in each column's power; joints are weighted by their torque.
     bias : ndarray, shape (base,)
-        Bias of weighted least squares from that noise, to first order.
+        Bias of weighted least squares from that noise.
     torque_error : float
         Torque of this bias over the torque.
     """
@@ -385,13 +386,32 @@ def column_noise(
     weights = 1.0 / np.maximum(np.sqrt((torque**2).mean(axis=0)), 1e-12)
     W = _rows(model, motion, base, weights)
     V = _rows(model, _noisy(motion, covariance, seed), base, weights) - W
-    solution = solve_linear(W, (torque * weights).T.ravel())
-    pulled = V.T @ (V @ solution.x)
-    bias = -solution.pseudo_inverse @ (solution.pseudo_inverse.T @ pulled)
+    x = solve_linear(W, (torque * weights).T.ravel()).x
+    bias = -_shrunk(W, V, x)
     power = (W**2).sum(axis=0)
     shares = (V**2).sum(axis=0) / np.where(power > 0.0, power, np.inf)
     error = np.linalg.norm(W @ bias) / np.sqrt(torque.size)
     return ColumnNoise(base.names, shares, np.asarray(bias), float(error))
+
+
+def _shrunk(W: Matrix, V: Matrix, x: Vector) -> Vector:
+    """Return ``(W^T W)^-1 V^T V x``, at most ``x`` in each direction.
+
+    Noise cannot take more from a parameter than there is.  In directions in which the
+    data have less motion than noise, the quotient is some large number.
+    """
+    powers = (W**2).sum(axis=0) + (V**2).sum(axis=0)
+    size = np.sqrt(np.where(powers > 0.0, powers, 1.0))
+    W, V = W / size, V / size
+    noise = V.T @ V
+    both = W.T @ W + noise
+    values, axes = np.linalg.eigh(both)
+    kept = values > _NO_MOTION * values[-1]
+    to_unit = axes[:, kept] / np.sqrt(values[kept])
+    of_noise, turns = np.linalg.eigh(to_unit.T @ noise @ to_unit)
+    to_unit = to_unit @ turns
+    lost = of_noise / np.maximum(1.0 - of_noise, of_noise)
+    return np.asarray(to_unit @ (lost * (to_unit.T @ both @ (size * x))) / size)
 
 
 def _spread(recording: Recording) -> Recording:

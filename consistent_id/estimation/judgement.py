@@ -53,7 +53,7 @@ MISFIT_CARE = 0.08
 MISFIT_REFUSED = 0.5
 JOINT_MISFIT_CARE = 0.30
 EXCESS_CARE = 1.15
-EXCESS_REFUSED = 2.0
+EXCESS_REFUSED = 2.0  # beside a misfit that good models do not have
 NO_EXCESS = 0.005  # misfit below which the excess is ignored: noise of good sensors
 HELD_OUT_CARE = 0.12
 JOINT_HELD_OUT_CARE = 0.40
@@ -204,7 +204,9 @@ def _of_fit(evidence: Evidence) -> Iterator[Reason]:
     if fit.excess > EXCESS_CARE and fit.misfit > NO_EXCESS:
         yield Reason(
             "contradiction",
-            "do not use" if fit.excess > EXCESS_REFUSED else "use with care",
+            "do not use"
+            if fit.excess > EXCESS_REFUSED and fit.misfit > MISFIT_CARE
+            else "use with care",
             f"the residual is {fit.excess:.2f} times that of least squares without "
             "constraints: data and constraints, or weights, contradict each other",
             "see the cost of each constraint; check masses, geometry, drive terms",

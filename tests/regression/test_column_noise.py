@@ -41,6 +41,14 @@ def test_shares_and_bias_are_those_of_the_closed_form():
     assert found.noisiest[0][0] == "link1.m"
 
 
+def test_noise_takes_no_more_than_a_parameter_has():
+    """Without acceleration the mass is not in the data, though noise moves it."""
+    still = replace(_slider(0.0), acceleration=np.full((4000, 1), 1e-9))
+    found = column_noise(MODEL, still, np.diag([0.0, 0.0, 0.01])[None], BASE)
+    assert found.shares[0] > 1.0
+    assert found.torque_error < 0.02  # what chance explains by such a column
+
+
 def test_without_noise_there_is_no_share():
     found = column_noise(MODEL, _slider(0.0), np.zeros((1, 3, 3)), BASE)
     assert not found.shares.any()
