@@ -130,9 +130,11 @@ def clean_log(seed: int, robot: ci.RobotModel | None = None) -> ci.Recording:
     drive = ci.DriveTerms(viscous=True, **shape, offset=True, rotor_inertia=True)
     model = ci.TorqueModel(robot, drive)
     rotors = rng.uniform(0.0, 0.5, len(size))
+    speed = np.std(states.velocity, axis=0)
+    speed = np.where(speed > 0.0, speed, speed.max())  # of joints that never move
     values = np.column_stack(
         [
-            rng.uniform(0.05, 0.25, len(size)) * size / np.std(states.velocity, axis=0),
+            rng.uniform(0.05, 0.25, len(size)) * size / speed,
             rng.uniform(0.05, 0.25, len(size)) * size,
             0.03 * size * rng.normal(size=len(size)),
             rotors * reflected(rigid, bodies, states),
