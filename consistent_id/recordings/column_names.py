@@ -411,6 +411,7 @@ _DOUBTFUL = set(
     "offset bias friction prev output".split()
 )
 _OF_A_MOTOR = {"motor", "rotor"}  # before the gear
+_OF_JOINTS = {"joint", "joints", "jnt", "state", "states"}  # and of no other body
 
 
 def doubt(channel: str, pattern: str) -> int:
@@ -489,6 +490,7 @@ def _name_patterns(
                 doubt(channel, p.text),
                 bool(words(p.text) & _OF_A_MOTOR),  # torques of motors, last
                 "{joint}" not in p.text,
+                not words(p.text) & _OF_JOINTS,
                 len(p.text),
             ),
         )

@@ -42,6 +42,7 @@ _COMMANDED |= {"d"}
 _OTHER = {"error", "err", "limit", "action", "ext", "external", "computed", "residual"}
 _OTHER |= {"ddot", "acc", "accel", "acceleration", "accelerations", "jerk", "std"}
 _OTHER |= {"gravity", "coriolis", "temperature", "voltage"}
+_OTHER |= {"tcp", "tip", "ee", "eef", "cartesian"}  # the pose and wrench of a tool
 _RATE = {"dot"}  # of a position: its velocity
 _STATE = {"observation", "state"}  # LeRobot
 _MEASURED = {"observation", "state", "actual"}
