@@ -95,33 +95,44 @@ def numbered_columns(names: Sequence[str]) -> tuple[NumberedColumns, ...]:
 @lru_cache(maxsize=4)
 def _numbered_columns(names: tuple[str, ...]) -> tuple[NumberedColumns, ...]:
     known = frozenset(names)
-    less = {name for same in repeated_columns(names) for name in same}  # tau.1 is next
-    each = (name for name in names if name not in less)
-    return tuple(dict.fromkeys(run for name in each for run in _runs(name, known)))
+    copies = {copy for same in repeated_columns(names) for copy in same[1:]}
+    return tuple(
+        dict.fromkeys(run for n in names for run in _runs(n, known, n in copies))
+    )
 
 
 def repeated_columns(names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Return columns of one name, of which pandas numbers all but the first.
 
+    None, if a name has such a number without a first: then numbers are the log's own.
+
     Examples
     --------
     >>> repeated_columns(["t", "tau", "tau.1", "tau.2"])
     (('tau', 'tau.1', 'tau.2'),)
+    >>> repeated_columns(["q.1", "q.2", "tau", "tau.1", "tau.2"])
+    ()
     """
     known = frozenset(names)
+    stems = dict.fromkeys(n.removesuffix(".1") for n in names if n.endswith(".1"))
+    firsts = [stem for stem in stems if f"{stem}.0" not in known]
+    if not known.issuperset(firsts):
+        return ()
     found = []
-    for name in names:
-        more = takewhile(known.__contains__, (f"{name}.{k}" for k in count(1)))
-        if f"{name}.1" in known and f"{name}.0" not in known:
-            found.append((name, *more))
+    for first in firsts:
+        copies = (f"{first}.{k}" for k in count(1))
+        found.append((first, *takewhile(known.__contains__, copies)))
     return tuple(found)
 
 
 _DIGITS = re.compile(r"\d+")
 
 
-def _runs(name: str, known: frozenset[str]) -> Iterator[NumberedColumns]:
+def _runs(name: str, known: frozenset[str], is_copy: bool) -> Iterator[NumberedColumns]:
+    """Yield runs that begin with a name; not those of the last number of a copy."""
     for found in _DIGITS.finditer(name):
+        if is_copy and found.end() == len(name):
+            continue
         if (first := int(found[0])) > 1:
             continue
         digits = len(found[0]) if len(found[0]) > 1 else 0
@@ -456,9 +467,11 @@ def _name_patterns(
 
     found: dict[str, NamePattern] = {}
     known = frozenset(names)
+    runs = numbered_columns(names)
+    numbered = {run.name(place) for run in runs for place in range(len(run))}
     for same in repeated_columns(names):
         for every in (joints, all_joints):
-            if len(same) == len(every):
+            if len(same) == len(every) and same[0] not in numbered:
                 each = ",".join(same[every.index(joint)] for joint in joints)
                 found.setdefault(each, NamePattern(f"{{{each}}}", joints))
     for name in names:
@@ -466,7 +479,7 @@ def _name_patterns(
             found.setdefault(pattern.text, pattern)
     for pattern in _of_several_units(list(found.values()), joints):
         found.setdefault(pattern.text, pattern)
-    for run in numbered_columns(names):
+    for run in runs:
         for every in (joints, all_joints):
             if len(run) == len(every):
                 pattern = _pattern_by_number(run, joints, every)

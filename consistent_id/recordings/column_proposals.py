@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.column_names import (
     NamePattern,
     NumberedColumns,
+    doubt,
     mapping_advice,
     mapping_option,
     name_patterns,
@@ -21,6 +23,7 @@ from consistent_id.recordings.column_names import (
 )
 from consistent_id.recordings.column_words import (
     channel_of,
+    may_be_of_unit,
     says_nothing,
     words,
 )
@@ -45,6 +48,8 @@ WITHOUT_TORQUE = (
 )
 
 GAINS = "KP,KD"  # in place of values that no log contains
+
+_DOUBTFUL = 2  # rank of columns of something else
 
 _EXAMPLES = {
     "position": "q_{joint}",
@@ -186,6 +191,8 @@ def _advice(
     in_groups = _by_numbers(log, names, joints, known, arrays_of_a_group)
     if in_groups is not None:
         return in_groups
+    if channel == "position" and (named := _advice_by_unit(channel, names, joints)):
+        return named
     if len(own) > 1 and len(own) >= max(map(len, others), default=0):
         return mapping_advice(own, joints), mapping_option(own, joints)
     if others and len(others[0]) > len(joints) and known.names is None:
@@ -195,7 +202,7 @@ def _advice(
         more = _of_another_number(f"{others[0]} are", number, joints, rows)
         return more, _locked(number, joints, rows)
     if channel == "torque":
-        torque = _advice_on_torque(runs, names, joints, known)
+        torque = _advice_on_torque(names, joints, known)
         if torque is not None:
             return torque
     if found := _by_numbers(log, names, joints, known, unknown_columns):
@@ -205,8 +212,19 @@ def _advice(
     return "", ""
 
 
+def _advice_by_unit(
+    channel: str, names: Sequence[str], joints: Sequence[str]
+) -> tuple[str, str] | None:
+    """Return what may be a channel by its unit alone, and the option if it is one."""
+    named = of_unit(channel, names, joints)
+    if not named:
+        return None
+    said = f" Only the unit says that {' or '.join(named)} may be it"
+    first = next(iter(named.values()))
+    return f"{said}: if so: {first}", first if len(named) == 1 else ""
+
+
 def _advice_on_torque(
-    runs: Sequence[NumberedColumns],
     names: Sequence[str],
     joints: tuple[str, ...],
     known: KnownColumns,
@@ -226,6 +244,8 @@ def _advice_on_torque(
         return more, ""
     if of_controllers := _of_controllers(names, joints):
         return of_controllers, ""
+    if named := _advice_by_unit("torque", names, joints):
+        return named
     alone = KnownColumns(joints)
     if commands := candidates("position_command", names, joints, alone):
         more = (
@@ -241,8 +261,9 @@ def _advice_on_torque(
             "--gains KP,KD[,LIMIT] ..."
         )
         return more, of_commands
-    if unknown := _unknown(runs, names, joints):
-        what, options = unknown
+    unknown = _for_each(says_nothing, "torque", names, joints)
+    if len(unknown) == 1:
+        ((what, options),) = unknown.items()
         more = (
             f" Of the columns without a known word, only {what} are as many as the "
             f"joints: if they are torques or motor currents: {options}"
@@ -296,21 +317,38 @@ def _by_numbers(
     return f"{found.sentence}, with {lock}", f"{lock} {found.options}"
 
 
-def _unknown(
-    runs: Sequence[NumberedColumns], names: Sequence[str], joints: Sequence[str]
-) -> tuple[str, str] | None:
-    """Return the only columns, one for each joint, whose names say nothing known.
+def of_unit(
+    channel: str, names: Sequence[str], joints: Sequence[str]
+) -> dict[str, str]:
+    """Return columns that only a unit says to be of a channel, and options for them.
 
-    And the option that reads them as torque.
+    Examples
+    --------
+    >>> of_unit("torque", ["t", "brake1_Nm", "brake2_Nm"], ["hip", "knee"])
+    {'brake{1..2}_Nm': "--torque 'brake{number}_Nm'"}
     """
-    several = [r for r in runs if len(r) == len(joints) and says_nothing(r.pattern)]
-    found = {str(run): run.option("torque") for run in several}
-    texts = {with_joint(name, joints) for name in names}
-    for text in texts - {*names}:
+    return _for_each(partial(may_be_of_unit, channel), channel, names, joints)
+
+
+def _for_each(
+    fits: Callable[[str], bool],
+    channel: str,
+    names: Sequence[str],
+    joints: Sequence[str],
+) -> dict[str, str]:
+    """Return columns, one for each joint, that fit, and options that read them.
+
+    Without those whose words say that they are of something else.
+    """
+    runs = [run for run in numbered_columns(names) if len(run) == len(joints)]
+    found = {run.pattern: (str(run), run.option(channel)) for run in runs}
+    known = frozenset(names)
+    for text in dict.fromkeys(with_joint(name, joints) for name in names):
         each = {text.replace("{joint}", joint) for joint in joints}
-        if says_nothing(text) and each <= {*names}:
-            found[text] = f"--torque {shlex.quote(text)}"
-    return next(iter(found.items())) if len(found) == 1 else None
+        if text not in known and each <= known:
+            found[text] = text, f"--{channel} {shlex.quote(text)}"
+    of_it = (text for text in found if fits(text) and doubt(channel, text) < _DOUBTFUL)
+    return dict(found[text] for text in of_it)
 
 
 def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:

@@ -246,19 +246,33 @@ def says_nothing(pattern: str) -> bool:
 
 
 def says_unit_of(channel: str, pattern: str) -> bool:
-    """Return whether the unit that ends it says the channel of a name without words.
+    """Return whether a pattern is a joint's name or number and a unit of the channel.
+
+    Any other word may say that it is something else: a limit, a fan, a load cell.
 
     Examples
     --------
-    >>> says_unit_of("torque", "{joint} load [Nm]"), says_unit_of("torque", "x [Nm]")
+    >>> says_unit_of("torque", "{joint} [Nm]"), says_unit_of("velocity", "J1 [rpm]")
     (True, True)
-    >>> says_unit_of("velocity", "{joint} rate [deg/s]")
-    True
-    >>> says_unit_of("torque", "{joint} friction error [Nm]")
+    >>> says_unit_of("torque", "{joint} brake [Nm]")
     False
     """
     rest = before_unit_of(channel, pattern)
-    return rest is not None and (says_nothing(rest) or is_bare(rest))
+    return rest is not None and is_bare(rest)
+
+
+def may_be_of_unit(channel: str, pattern: str) -> bool:
+    """Return whether a unit of the channel ends a pattern without a known word.
+
+    Examples
+    --------
+    >>> may_be_of_unit("torque", "{joint} load [Nm]"), may_be_of_unit("torque", "x")
+    (True, False)
+    >>> may_be_of_unit("torque", "{joint} friction error [Nm]")
+    False
+    """
+    rest = before_unit_of(channel, pattern)
+    return rest is not None and says_nothing(rest)
 
 
 def before_unit_of(channel: str, name: str) -> str | None:
