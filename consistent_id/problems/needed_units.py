@@ -10,14 +10,11 @@ import shlex
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from consistent_id.diagnosis.clock import clock_findings
 from consistent_id.diagnosis.wrong_units import travel_findings
-from consistent_id.errors import RecordingError
 from consistent_id.problems.statement import Statement
 from consistent_id.recordings.readers.units import COUNTS
-from consistent_id.recordings.recording import Recording, unit_option
+from consistent_id.recordings.recording import Recording
 from consistent_id.robot.model import RobotModel
 
 _UNITS = re.compile(r"\((--units [^()]+)\)")  # in the advice of a finding
@@ -53,23 +50,6 @@ def needed_unit(
             both = [option[1], *([zeros[0]] if zeros is not None else [])]
             return NeededUnit(" ".join(both), finding.statement)
     return None
-
-
-def require_seconds(log: Recording) -> None:
-    """Refuse a clock in days, as of spreadsheets, whose steps no filter could resolve.
-
-    Raises
-    ------
-    RecordingError
-        With the option that states the unit.
-    """
-    if "=day" in (option := unit_option(log.time)):
-        step = float(np.median(np.diff(log.time)))
-        raise RecordingError(
-            f"{log.name}: samples are {step:.3g} s apart, more than any robot logs; "
-            f"they look like days: {option} (or h, min)",
-            options=option,
-        )
 
 
 def joined_options(options: Sequence[str]) -> str:

@@ -25,6 +25,7 @@ from consistent_id.recordings.readers.units import (
     is_time,
     rate_of,
     split_clock,
+    unit_of_a_name,
 )
 from consistent_id.recordings.recording import unit_option
 
@@ -35,6 +36,8 @@ _OF_NAMES = {"joint", "joints", "motor", "actuator", "dof", "name", "names"}
 _CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t", "ts", "zeit"}
 _CLOCKS |= {"times", "stamps", "tout"}
 _SPANS = _CLOCKS | {"duration", "elapsed", "millis", "ms", "seconds"}
+_SLOW = ("min", "h", "day")  # units of a clock, or of a minimum or an enthalpy
+_MOSTLY = 0.9  # share of steps that do not go back
 _UNEVEN = 20.0  # longest step over the median one, of a clock
 _REPEATED = 4  # most rows with one stamp
 _ALIKE = 0.9  # least correlation of a velocity with the position's rate of change
@@ -381,11 +384,21 @@ def _lists_of_names(
 
 
 def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:
-    """Return the name of the clock; else the only like it whose numbers rise evenly."""
+    """Return the name of the clock; else the only like it whose numbers rise evenly.
+
+    Of several names the shortest whose numbers rise.  Names in minutes, hours or days,
+    such as ``t_min``, may be of another thing: they count if no other name does.
+    """
     split = split_clock(names)
-    found = [name for name in names if is_time(name)]
-    if found and (split is None or min(found, key=len) not in clock_columns(split)):
-        return min(found, key=len)
+    named = [name for name in names if is_time(name)]
+    usual = [n for n in named if unit_of_a_name("time", n) not in _SLOW]
+    slow = [n for n in named if n not in usual and split is None]
+    found = usual or slow
+    if in_file and len(named) > 1:
+        found = _rising(log, usual) or _rising(log, slow) or usual
+    shortest = min(found, key=len, default="")
+    if shortest and (split is None or shortest not in clock_columns(split)):
+        return shortest
     if split is not None:
         return split
     likely = [name for name in names if in_file and words(name) & _CLOCKS]
@@ -394,6 +407,26 @@ def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:
     if len(rising) == 1:
         return rising[0]
     raise _without_clock(log, names, in_file=in_file)
+
+
+def _rising(log: Path, names: Sequence[str]) -> list[str]:
+    """Return the columns that rise; those without numbers, too: they may be dates."""
+    read = {name: np.asarray(values) for name, values in _readable(log, names).items()}
+    return [n for n, c in read.items() if c.dtype.kind not in "iuf" or rises(c)]
+
+
+def rises(column: np.ndarray) -> bool:
+    """Return whether numbers end above their beginning, and most do not go back.
+
+    Gaps, repeated stamps and a few rows in disorder are allowed, unlike by `is_clock`.
+    """
+    flat = np.asarray(column).reshape(-1)
+    if flat.dtype.kind not in "iuf":
+        return False
+    known = flat[~np.isnan(flat)]
+    if len(known) < 2 or known[-1] <= known[0]:
+        return False
+    return bool((np.diff(known) >= 0.0).mean() > _MOSTLY)
 
 
 def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> RecordingError:

@@ -12,6 +12,7 @@ from consistent_id.problems.needed_units import joined_options
 from consistent_id.problems.nominal_gains import NominalGains
 from consistent_id.problems.robot_logs import robot_logs
 from consistent_id.problems.statement import Statement
+from consistent_id.recordings.readers import Columns, read_recording, recording_from
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +55,28 @@ def test_each_option_has_all_its_values():
     )
 
 
-def test_days_of_a_spreadsheet_are_answered_with_their_unit(arm, tmp_path):
+@pytest.mark.parametrize(
+    ("seconds", "unit", "word"), [(86400.0, "day", "days"), (3600.0, "h", "hours")]
+)
+def test_a_clock_in_hours_or_days_is_answered_with_its_unit(
+    arm, tmp_path, seconds, unit, word
+):
     urdf, log = arm
-    path = _csv(tmp_path, log, time=log.time / 86400.0)
-    with pytest.raises(RecordingError, match="look like days: --units time=day"):
+    path = _csv(tmp_path, log, time=log.time / seconds)
+    said = f"they look like {word}: --units time={unit}"
+    with pytest.raises(RecordingError, match=said):
         robot_logs(urdf, path, Statement(names=_NAMES)).read(path)
+    columns = Columns("time", "{joint} pos")
+    with pytest.raises(RecordingError, match=said):
+        read_recording(path, ["a", "b"], columns)
+    table = {"time": log.time / seconds, "q_a": log.position[:, 0]}
+    with pytest.raises(RecordingError, match=said):
+        recording_from(table, ["a"])
+    assert len(recording_from(table, ["a"], Columns(units={"time": unit}))) == len(log)
+    stated = Columns(units={"time": "us"})
+    in_seconds = {**table, "time": log.time}
+    with pytest.raises(RecordingError, match=r"in us, as stated.* seconds: --units t"):
+        recording_from(in_seconds, ["a"], stated)
 
 
 _NAMES = {"a": "shoulder", "b": "elbow"}

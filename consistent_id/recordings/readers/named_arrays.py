@@ -42,7 +42,12 @@ from consistent_id.recordings.readers.used_rows import (
     of_one_clock,
     omit_advice,
 )
-from consistent_id.recordings.recording import Recording, SampleError
+from consistent_id.recordings.recording import (
+    LEAST_STEP,
+    Recording,
+    SampleError,
+    unit_option,
+)
 
 _log = logging.getLogger(__name__)
 
@@ -101,7 +106,7 @@ class Conversion(NamedTuple):
         units, torque_gain = self.units, self.torque_gain
         if np.ndim(torque_gain) == 0 and torque_gain == 1.0:
             require_gain(units, name)
-        time = time * factors(units, "time", joints[:1])
+        seconds = time * factors(units, "time", joints[:1])
         channels = {
             channel: _times(values, factors(units, channel, joints))
             for channel, values in channels.items()
@@ -112,7 +117,44 @@ class Conversion(NamedTuple):
             torque = channels["torque"] * gain
             torque[:, list(self.without_torque)] = 0.0
             channels = channels | {"torque": torque}
-        return Recording(joints, time, name=name, **cast(dict[str, Any], channels))
+        log = Recording(joints, seconds, name=name, **cast(dict[str, Any], channels))
+        _require_seconds(log, time, str(units.get("time", "")))
+        return log
+
+
+def _require_seconds(log: Recording, time: Vector, unit: str) -> None:
+    """Refuse a clock in hours or days, whose steps no filter could resolve.
+
+    Parameters
+    ----------
+    time : ndarray, shape (samples,)
+        As written.
+    unit : str
+        The stated one; empty for seconds.
+    """
+    step = float(np.median(np.diff(log.time)))
+    if step >= LEAST_STEP:
+        return
+    option = unit_option(time) or "--units time=s"
+    unit_word = _CLOCK_UNITS[option.rpartition("=")[2]]
+    said = f"with times in {unit}, as stated, " if unit else ""
+    raise RecordingError(
+        f"{log.name}: {said}samples are {step:.3g} s apart, more than any robot logs; "
+        f"they look like {unit_word}: {option} (or another of s, min, h and day)",
+        options=option,
+    )
+
+
+_CLOCK_UNITS = {
+    "s": "seconds",
+    "ms": "milliseconds",
+    "us": "microseconds",
+    "ns": "nanoseconds",
+    "100ns": "steps of 100 ns",
+    "min": "minutes",
+    "h": "hours",
+    "day": "days",
+}
 
 
 def recording_of(
