@@ -63,6 +63,11 @@ class NumberedColumns:
         text = f"{self.before}{{{place}{self._format}}}{self.after}"
         return f"--{channel} {shlex.quote(text)}"
 
+    def option_of_part(self, channel: str, first: int, end: int) -> str:
+        """Return the option that names the columns from a place up to an end."""
+        numbers = f"{{{self.number(first)}..{self.number(end - 1)}}}"
+        return f"--{channel} {shlex.quote(f'{self.before}{numbers}{self.after}')}"
+
     @property
     def _format(self) -> str:
         return f":0{self.digits}d" if self.digits else ""

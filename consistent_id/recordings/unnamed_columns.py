@@ -18,6 +18,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_names import mapping_advice, mapping_option, shown
 from consistent_id.recordings.column_words import channel_of, words
+from consistent_id.recordings.readers.named_arrays import upright
 from consistent_id.recordings.readers.recording_file import reader_of
 from consistent_id.recordings.readers.units import (
     RATE,
@@ -40,7 +41,7 @@ _SLOW = ("min", "h", "day")  # units of a clock, or of a minimum or an enthalpy
 _MOSTLY = 0.9  # share of steps that do not go back
 _UNEVEN = 20.0  # longest step over the median one, of a clock
 _REPEATED = 4  # most rows with one stamp
-_ALIKE = 0.9  # least correlation of a velocity with the position's rate of change
+ALIKE = 0.9  # least correlation of a velocity with the position's rate of change
 _COPY = 0.98  # of a command of position with the position
 _FEWEST = 20  # rows that correlations need
 _SMOOTH = 5  # samples over which a rate of change is taken
@@ -220,7 +221,8 @@ def is_clock(column: Vector) -> bool:
 def _first_of_array(arrays: Mapping[str, np.ndarray]) -> str:
     """Return the first column of the only array of many, if it rises like a clock."""
     wide = {n: v for n, v in arrays.items() if np.ndim(v) == 2 and min(v.shape) > 1}
-    for name, values in wide.items() if len(wide) == len(arrays) == 1 else ():
+    for name, array in wide.items() if len(wide) == len(arrays) == 1 else ():
+        values = upright(array)
         if values.shape[0] > values.shape[1] and values.dtype.kind in "iuf":
             column = values[:, 0].astype(np.float64)
             return f"{name}[0:1]" if is_clock(column) else ""
@@ -287,9 +289,9 @@ def _motion(alike: Matrix) -> tuple[int, ...]:
     alike = np.where(np.eye(len(alike), dtype=bool), -1.0, alike)
     likely = np.flatnonzero(alike > alike.max() - 1e-3)
     position, velocity = divmod(int(likely[0]), len(alike))
-    if alike[position, velocity] < _ALIKE:
+    if alike[position, velocity] < ALIKE:
         return (0,)
-    while (before := np.flatnonzero(alike[:position, position] >= _ALIKE)).size:
+    while (before := np.flatnonzero(alike[:position, position] >= ALIKE)).size:
         position, velocity = int(before[0]), position
     return position, velocity
 
@@ -312,7 +314,7 @@ def _correlations(one: Matrix, other: Matrix, joints: int) -> Matrix:
         Correlation of each block of one with each of the other; zero if nothing moves
         in both.
     """
-    a, b = _normalised(one), _normalised(other)
+    a, b = normalised(one), normalised(other)
     found = np.stack([a[:, j::joints].T @ b[:, j::joints] for j in range(joints)])
     moves = np.stack(
         [
@@ -324,7 +326,7 @@ def _correlations(one: Matrix, other: Matrix, joints: int) -> Matrix:
     return np.asarray(np.nanmedian(np.where(moves, found, np.nan), axis=0))
 
 
-def _normalised(columns: Matrix) -> Matrix:
+def normalised(columns: Matrix) -> Matrix:
     """Return columns of length one about their means; zero where nothing moves."""
     centred = columns - columns.mean(axis=0)
     scale = np.linalg.norm(centred, axis=0)

@@ -350,9 +350,14 @@ def read_parts(
         if values.ndim > 2:  # such as 6 x 1 x samples, of Simulink
             arrays[name] = values.squeeze()
     for name in {stored_name(part) for part in names if _PART.fullmatch(part)}:
-        if (whole := arrays[name]).ndim == 2 and whole.shape[1] > _LYING * len(whole):
-            arrays[name] = whole.T  # samples in columns, as Drake's logs have them
+        arrays[name] = upright(arrays[name])
     return parts_of(arrays, names, path)
+
+
+def upright(values: NDArray[Any]) -> NDArray[Any]:
+    """Return an array with samples in rows; Drake's logs have them in columns."""
+    lies = values.ndim == 2 and values.shape[1] > _LYING * len(values)
+    return values.T if lies else values
 
 
 def stored_names(names: Sequence[str]) -> list[str]:
