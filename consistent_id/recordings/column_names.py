@@ -15,6 +15,7 @@ from itertools import count, takewhile, zip_longest
 from operator import eq
 
 from consistent_id.recordings.column_words import (
+    HUMP,
     before_unit_of,
     channel_of,
     is_bare,
@@ -201,7 +202,6 @@ def shown(names: Sequence[str], joints: Sequence[str] = (), most: int = 12) -> s
 
 
 _PARTS = re.compile(r"[A-Za-z0-9]+|[^A-Za-z0-9]+")
-_HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 _LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Z](?![A-Za-z0-9])")  # a joint, not a word
 _IN_UNIT = re.compile(r"[ _]*(?:[\[(]([^\[\]()]*)[\])]|_(deg|rad|mm))$")
 
@@ -266,7 +266,7 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
 
 def _humps(name: str) -> list[str]:
     """Return the words of a name that capital letters begin; a letter may be one."""
-    return _HUMP.sub(" ", name).split(" ") if name.isalnum() else [name]
+    return HUMP.sub(" ", name).split(" ") if name.isalnum() else [name]
 
 
 def _closed(name: str, mark: str) -> str:

@@ -117,7 +117,8 @@ _LAST_UNIT = re.compile(  # in brackets, or a word of its own
 _LETTERS = re.compile(r"[a-z]+")
 _OTHER_LETTERS = re.compile(r"[^\W\d_a-zà-ÿµμ]+")  # Japanese, Cyrillic and the like
 _GREEK = str.maketrans({"θ": "theta", "τ": "tau"})
-_HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+"""The place before a word that a capital letter begins: ``basePos``."""
 # A word that another one follows without a mark: ``jointpos``, ``qmeas``.
 _GLUED = re.compile(
     r"(?<![a-z])(joint(?=[a-z]{3})|(?:d?q|qd|tau|trq|pos|vel)"
@@ -137,7 +138,7 @@ def words(pattern: str) -> set[str]:
     """
     rest = _JOINT.sub(" ", pattern).translate(_GREEK)
     lower = rest.lower()
-    apart = _GLUED.sub(r"\1 ", _HUMP.sub(" ", rest).lower())
+    apart = _GLUED.sub(r"\1 ", HUMP.sub(" ", rest).lower())
     return {
         *_LETTERS.findall(lower),
         *_LETTERS.findall(apart),

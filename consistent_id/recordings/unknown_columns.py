@@ -28,6 +28,7 @@ from consistent_id.recordings.unnamed_columns import (
     column_layout,
     is_clock,
     normalised,
+    readable,
 )
 
 _MOST_BLOCKS = 40  # that are compared
@@ -72,43 +73,55 @@ def unknown_columns(
     known : mapping of str to str
         Columns by channel that are stated.
     """
+    flat = has_no_arrays(log, names)
+    runs = [r for r in numbered_columns(names) if flat and _may_be_one(r.pattern)]
+    of_runs = {n: [r for r in runs if len(r) == n][:_MOST_BLOCKS] for n in numbers}
+    wanted = [name for name in names if _may_be_one(name) and not is_time(name)]
+    if flat:
+        every = (run for several in of_runs.values() for run in several)
+        wanted = [run.name(place) for run in every for place in range(len(run))]
     try:
-        time = _times(log, names, known)
-        for joints in numbers:
-            every = _blocks(log, names, joints, len(time), known.get("time", ""))
-            blocks = list(every)[:_MOST_BLOCKS]
-            if found := _channels(time, blocks, joints, known):
-                return found
-    except RecordingError:  # such as empty cells: another error says it
+        clock = known.get("time") or clock_column(log, names, in_file=True)
+        read = readable(log, [*wanted, *({clock} & {*names})])
+        time = _times(log, clock, read)
+    except RecordingError:  # another error says it
         return None
+    read.pop(clock, None)
+    for joints in numbers:
+        blocks = list(_of_runs(of_runs[joints], read))
+        if not flat:
+            blocks = list(_of_arrays(read, joints, len(time), clock))[:_MOST_BLOCKS]
+        if found := _channels(time, blocks, joints, known):
+            return found
     return None
 
 
-def _times(log: Path, names: Sequence[str], known: Mapping[str, str]) -> np.ndarray:
+def _times(log: Path, clock: str, read: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the clock, or the numbers of the samples if a rate stands for it."""
-    clock = known.get("time") or clock_column(log, names, in_file=True)
     columns = clock_columns(clock)
     if rate_of(clock) is None and len(columns) == 1:
-        read = read_parts(reader_of(log), log, columns, UsedRows())
+        if clock not in read:  # a part of an array, or not readable
+            read = read_parts(reader_of(log), log, columns, UsedRows())
         return np.asarray(read[clock], dtype=np.float64).reshape(-1)
-    likely = [name for name in names if not is_time(name)]
-    read = reader_of(log).read_arrays(log, likely)
-    return np.arange(max(max(np.shape(values), default=0) for values in read.values()))
+    return np.arange(
+        max((max(np.shape(v), default=0) for v in read.values()), default=0)
+    )
 
 
-def _blocks(
-    log: Path, names: Sequence[str], joints: int, samples: int, clock: str
+def _of_runs(
+    runs: Sequence[NumberedColumns], read: Mapping[str, np.ndarray]
 ) -> Iterator[_Block]:
-    """Yield columns of a channel, and those without a known word, for each joint."""
-    if has_no_arrays(log, names):
-        for run in numbered_columns(names):
-            if len(run) == joints and _may_be_one(run.pattern):
-                each = [run.name(place) for place in range(joints)]
-                read = reader_of(log).read_arrays(log, each)
-                yield _Block(run, np.column_stack([read[name] for name in each]))
-        return
-    likely = [name for name in names if _may_be_one(name) and not is_time(name)]
-    read = reader_of(log).read_arrays(log, likely)
+    """Yield the numbered columns that could be read."""
+    for run in runs:
+        each = [run.name(place) for place in range(len(run))]
+        if read.keys() >= set(each):
+            yield _Block(run, np.column_stack([read[name] for name in each]))
+
+
+def _of_arrays(
+    read: Mapping[str, np.ndarray], joints: int, samples: int, clock: str
+) -> Iterator[_Block]:
+    """Yield arrays with a column for each joint, and such parts of wider ones."""
     for name, values in read.items():
         array = np.squeeze(np.asarray(values))
         if (

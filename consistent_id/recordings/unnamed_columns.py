@@ -23,10 +23,9 @@ from consistent_id.recordings.readers.recording_file import reader_of
 from consistent_id.recordings.readers.units import (
     RATE,
     clock_columns,
-    is_time,
+    named_clocks,
     rate_of,
     split_clock,
-    unit_of_a_name,
 )
 from consistent_id.recordings.recording import unit_option
 
@@ -37,7 +36,6 @@ _OF_NAMES = {"joint", "joints", "motor", "actuator", "dof", "name", "names"}
 _CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t", "ts", "zeit"}
 _CLOCKS |= {"times", "stamps", "tout"}
 _SPANS = _CLOCKS | {"duration", "elapsed", "millis", "ms", "seconds"}
-_SLOW = ("min", "h", "day")  # units of a clock, or of a minimum or an enthalpy
 _MOSTLY = 0.9  # share of steps that do not go back
 _UNEVEN = 20.0  # longest step over the median one, of a clock
 _REPEATED = 4  # most rows with one stamp
@@ -229,7 +227,7 @@ def _first_of_array(arrays: Mapping[str, np.ndarray]) -> str:
     return ""
 
 
-def _readable(log: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
+def readable(log: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the columns that can be read; those with empty cells may not matter."""
     if not names:
         return {}
@@ -238,7 +236,7 @@ def _readable(log: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     except RecordingError:
         half = len(names) // 2
         parts = (names[:half], names[half:]) if half else ()
-        return {n: v for part in parts for n, v in _readable(log, part).items()}
+        return {n: v for part in parts for n, v in readable(log, part).items()}
 
 
 def _counts(column: Vector) -> bool:
@@ -392,19 +390,16 @@ def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:
     such as ``t_min``, may be of another thing: they count if no other name does.
     """
     split = split_clock(names)
-    named = [name for name in names if is_time(name)]
-    usual = [n for n in named if unit_of_a_name("time", n) not in _SLOW]
-    slow = [n for n in named if n not in usual and split is None]
-    found = usual or slow
-    if in_file and len(named) > 1:
-        found = _rising(log, usual) or _rising(log, slow) or usual
+    found = named_clocks(names)
+    if in_file and len(found) > 1:
+        found = _rising(log, found) or found
     shortest = min(found, key=len, default="")
     if shortest and (split is None or shortest not in clock_columns(split)):
         return shortest
     if split is not None:
         return split
     likely = [name for name in names if in_file and words(name) & _CLOCKS]
-    read = _readable(log, likely)
+    read = readable(log, likely)
     rising = [n for n in read if is_clock(np.asarray(read[n], float).reshape(-1))]
     if len(rising) == 1:
         return rising[0]
@@ -413,7 +408,7 @@ def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:
 
 def _rising(log: Path, names: Sequence[str]) -> list[str]:
     """Return the columns that rise; those without numbers, too: they may be dates."""
-    read = {name: np.asarray(values) for name, values in _readable(log, names).items()}
+    read = {name: np.asarray(values) for name, values in readable(log, names).items()}
     return [n for n, c in read.items() if c.dtype.kind not in "iuf" or rises(c)]
 
 
@@ -437,7 +432,7 @@ def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> Recordi
     clocks = [name for name in names if words(name) & _CLOCKS]
     plain = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
     likely = list(dict.fromkeys([*clocks, *plain]))[:_MOST_READ] if in_file else []
-    read = _readable(log, likely)
+    read = readable(log, likely)
     if first := _first_of_array(read):
         options = f"--time {shlex.quote(first)}"
         return RecordingError(

@@ -9,7 +9,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.column_words import is_bare
-from consistent_id.recordings.readers import read_recording
+from consistent_id.recordings.readers import csv, read_recording
 from consistent_id.recordings.unknown_columns import joints_of_wide
 
 JOINTS = ("pan", "lift")
@@ -231,3 +231,26 @@ def test_one_matrix_with_samples_in_columns_is_found(tmp_path):
     assert_is_read(read_with(path, f"{clock} {options}"))
     with_rate = options_of(path, channels={"time": "100Hz"})  # its clock is no joint
     assert with_rate == options
+
+
+def test_a_table_is_read_once_for_a_message(tmp_path, monkeypatch):
+    """Columns of each run were read from the whole file, for each number of joints."""
+    header = ["t", *(f"{word}{k}" for word in "xyz" for k in (1, 2))]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([TIME, Q, DQ, TAU])
+    np.savetxt(path, table, "%.9g", ",", header=",".join(header), comments="")
+    times, read_arrays = [], csv.read_arrays
+
+    def counted(*args, **more):
+        times.append(args)
+        return read_arrays(*args, **more)
+
+    monkeypatch.setattr(csv, "read_arrays", counted)
+    assert options_of(path).startswith("--position 'x{number}'")
+    assert len(times) == 1
+
+
+def test_a_log_with_a_clock_alone_is_answered(tmp_path):
+    path = tmp_path / "log.npz"
+    np.savez(path, time=TIME)
+    assert options_of(path, channels={"time": "100Hz"}) == ""

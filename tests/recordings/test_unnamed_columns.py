@@ -224,6 +224,7 @@ def test_a_column_that_counts_by_one_is_no_clock_unless_its_name_says_so(
     [
         (["timestamp"], "timestamp"),  # a minimum and an enthalpy beside it
         (["time_ms"], "time_ms"),
+        (["StampSec", "StampNanoSec"], "StampSec + StampNanoSec"),
         ([], "time_h"),
     ],
 )
