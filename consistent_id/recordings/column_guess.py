@@ -18,8 +18,6 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.channel_clocks import require_one_clock
 from consistent_id.recordings.column_names import (
     NamePattern,
-    mapping_advice,
-    mapping_option,
     shown,
 )
 from consistent_id.recordings.column_proposals import (
@@ -41,6 +39,7 @@ from consistent_id.recordings.mixed_columns import (
     require_one_torque,
     rivals,
 )
+from consistent_id.recordings.own_names import mapping_advice, mapping_option
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of

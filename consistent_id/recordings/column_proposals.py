@@ -13,11 +13,8 @@ from consistent_id.recordings.column_names import (
     NamePattern,
     NumberedColumns,
     doubt,
-    mapping_advice,
-    mapping_option,
     name_patterns,
     numbered_columns,
-    own_names,
     shown,
     with_joint,
 )
@@ -31,6 +28,7 @@ from consistent_id.recordings.column_words import (
 from consistent_id.recordings.mixed_columns import (
     mixed_patterns,
 )
+from consistent_id.recordings.own_names import mapping_advice, mapping_option, own_names
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.readers.named_arrays import upright
 from consistent_id.recordings.readers.recording_file import reader_of

@@ -16,8 +16,9 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_names import mapping_advice, mapping_option, shown
+from consistent_id.recordings.column_names import shown
 from consistent_id.recordings.column_words import channel_of, words
+from consistent_id.recordings.own_names import mapping_advice, mapping_option
 from consistent_id.recordings.readers.named_arrays import upright
 from consistent_id.recordings.readers.recording_file import reader_of
 from consistent_id.recordings.readers.units import (

@@ -9,8 +9,8 @@ import pytest
 import consistent_id as ci
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import guess_columns
-from consistent_id.recordings.column_names import mapping_option, own_names, pairs_of
 from consistent_id.recordings.column_proposals import KnownColumns
+from consistent_id.recordings.own_names import mapping_option, own_names, pairs_of
 from consistent_id.recordings.readers.columns import Columns, wanted
 
 ARM = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint")

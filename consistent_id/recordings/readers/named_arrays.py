@@ -106,7 +106,7 @@ class Conversion(NamedTuple):
         units, torque_gain = self.units, self.torque_gain
         if np.ndim(torque_gain) == 0 and torque_gain == 1.0:
             require_gain(units, name)
-        seconds = time * factors(units, "time", joints[:1])
+        time = time * factors(units, "time", joints[:1])
         channels = {
             channel: _times(values, factors(units, channel, joints))
             for channel, values in channels.items()
@@ -117,9 +117,7 @@ class Conversion(NamedTuple):
             torque = channels["torque"] * gain
             torque[:, list(self.without_torque)] = 0.0
             channels = channels | {"torque": torque}
-        log = Recording(joints, seconds, name=name, **cast(dict[str, Any], channels))
-        _require_seconds(log, time, str(units.get("time", "")))
-        return log
+        return Recording(joints, time, name=name, **cast(dict[str, Any], channels))
 
 
 def _require_seconds(log: Recording, time: Vector, unit: str) -> None:
@@ -209,6 +207,8 @@ def recording_of(
     try:
         in_si = Conversion(want.units, torque_gain, want.without_torque)
         recording = in_si.recording(want.joints, time[keep], channels, log.name)
+        if rate_of(want.time) is None:
+            _require_seconds(recording, time[keep], str(want.units.get("time", "")))
         if want.beside:
             recording = with_beside(recording, beside, want.beside, where)
     except SampleError as cause:

@@ -201,6 +201,8 @@ def _part(file: Path) -> _TablePart | None:
         if clock is not None:
             raise
         return None
+    if not values.size:
+        raise RecordingError(f"{file}: no rows; move it out of the folder")
     return _TablePart(file, names, clock, values)
 
 
