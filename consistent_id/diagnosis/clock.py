@@ -3,7 +3,7 @@
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Vector
-from consistent_id.diagnosis.findings import LogFinding
+from consistent_id.diagnosis.findings import FoundUnit, LogFinding
 from consistent_id.recordings.recording import Recording
 
 _SLOW = 0.5  # s between samples: with more the clock is not in seconds,
@@ -46,9 +46,15 @@ _RATIOS = {
 
 def clock_findings(recording: Recording) -> list[LogFinding]:
     """Find time stamps that are not in seconds."""
+    found = clock_unit(recording)
+    return [] if found is None else [found.finding]
+
+
+def clock_unit(recording: Recording) -> FoundUnit | None:
+    """Return the unit of time stamps that are not in seconds; None if they are."""
     step = float(np.median(np.diff(recording.time)))
     if step < _SLOW and not (step >= _SLOWLY and _creeps(recording)):
-        return []
+        return None
     # Robots log at 10 Hz to 10 kHz: the unit is the one in which the step fits.
     units = (
         ("milliseconds", "ms", 1e3),
@@ -56,17 +62,17 @@ def clock_findings(recording: Recording) -> list[LogFinding]:
         ("nanoseconds", "ns", 1e9),
     )
     unit, short, factor = next((u for u in units if step / u[2] < _SLOW), units[-1])
-    return [
-        LogFinding(
-            "clock",
-            "fault",
-            recording.name,
-            f"the median step between samples is {step:g}, too long for a log in "
-            f"seconds; it looks like {unit}",
-            f"divide the time by {factor:g} (--units time={short})",
-            step / _SLOW,
-        )
-    ]
+    options = f"--units time={short}"
+    finding = LogFinding(
+        "clock",
+        "fault",
+        recording.name,
+        f"the median step between samples is {step:g}, too long for a log in "
+        f"seconds; it looks like {unit}",
+        f"divide the time by {factor:g} ({options})",
+        step / _SLOW,
+    )
+    return FoundUnit(finding, options)
 
 
 def _creeps(recording: Recording) -> bool:

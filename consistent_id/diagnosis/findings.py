@@ -1,12 +1,12 @@
 """The findings of a diagnosis, with evidence and advice, and their table."""
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from consistent_id._support.tables import Table, brief
 from consistent_id.recordings.recording import LogFinding, Severity
 
-__all__ = ["Diagnosis", "LogFinding", "Severity"]
+__all__ = ["Diagnosis", "FoundUnit", "LogFinding", "Severity"]
 
 _LOOKED_FOR = (
     "clocks, units, signs, exchanged channels, gains, joint zero offsets, lags, dead, "
@@ -17,6 +17,21 @@ _OF_SIGNALS = (
     "clocks, jumps, dead, noisy and saturated channels, limits of travel, and "
     "validation rows that are training rows"
 )
+
+
+class FoundUnit(NamedTuple):
+    """A unit of a clock or of positions that is not the assumed one.
+
+    Parameters
+    ----------
+    finding : LogFinding
+    options : str
+        That state the unit, with ``COUNTS`` for those of a turn if they are open; empty
+        if several units are likely.
+    """
+
+    finding: LogFinding
+    options: str
 
 
 @brief

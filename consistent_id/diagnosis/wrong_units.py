@@ -3,10 +3,13 @@
 Far beyond its limits, they are in other units.
 """
 
+import shlex
+
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector
-from consistent_id.diagnosis.findings import LogFinding
+from consistent_id.diagnosis.findings import FoundUnit, LogFinding
+from consistent_id.recordings.readers.units import COUNTS
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.recordings.signals.drive_limits import SPEED_ROUNDING, beyond_speed
 from consistent_id.robot.model import RobotModel
@@ -14,7 +17,9 @@ from consistent_id.robot.scaling import placeholders
 
 _TRAVEL = 2.0  # times the range of a joint's limits: more than careless limits err
 _ONE_TRAVEL = 5.0  # the same for a single joint, whose limits may be a guess
+_MOST = 0.5  # of the joints
 _DEGREES = 180.0 / np.pi
+_TURN = 360.0  # degrees
 
 _BITS = range(9, 25)  # of encoders that count a turn from zero
 
@@ -29,65 +34,113 @@ _EVERY_TORQUE = 3.0  # times every limit, if limits differ and so are no placeho
 def travel_findings(robot: RobotModel, log: Recording) -> list[LogFinding]:
     """Find travel far beyond the limits of joints.
 
-    If most joints travel too far, positions are in degrees where that fits, else in
-    counts of encoders.  If few do, each of these has a unit of its own.
+    If most joints travel too far, all are in another unit, see `travel_unit`.  If few
+    do, each of these has a unit of its own.
 
     Parameters
     ----------
     log : Recording
         With the robot's joints, in their order.
     """
+    if (unit := travel_unit(robot, log)) is not None:
+        return [unit.finding]
+    names, share = _shares_of_limits(robot, log)
+    alone = share > _ONE_TRAVEL
+    if alone.sum() > _MOST * len(share):
+        return []
+    return [_travel_of_one(names[j], float(share[j])) for j in np.flatnonzero(alone)]
+
+
+def travel_unit(robot: RobotModel, log: Recording) -> FoundUnit | None:
+    """Return the unit of positions of which most travel far beyond joints' limits.
+
+    Degrees where that fits, else counts of encoders, which are whole numbers.
+
+    Parameters
+    ----------
+    log : Recording
+        With the robot's joints, in their order.
+    """
+    _, share = _shares_of_limits(robot, log)
+    beyond = share > _TRAVEL
+    if beyond.sum() <= _MOST * len(share):
+        return None
+    whole = bool((log.position == np.round(log.position)).all())
+    degrees = share.max() <= _DEGREES
+    if whole and degrees and abs(log.position).max() <= _TURN:
+        return _travel_in_either(share, beyond)
+    if degrees and not whole:
+        return _travel_in_degrees(share, beyond)
+    if whole or np.median(share) > _DEGREES:
+        return _travel_in_counts(share[beyond], log)
+    return None
+
+
+def _shares_of_limits(
+    robot: RobotModel, log: Recording
+) -> tuple[tuple[str, ...], Vector]:
+    """Return the limited joints that turn, and their travel over its limits' range."""
     limits = [joint.limits for joint in robot.driven]
     width = np.array([limit.upper - limit.lower for limit in limits])
     turning = np.array([joint.kind == "revolute" for joint in robot.driven])
     limited = turning & np.isfinite(width) & (width > 0.0)
-    if not limited.any():
-        return []
     share = np.ptp(log.position, axis=0)[limited] / width[limited]
-    most = 0.5 * len(share)
-    beyond = share > _TRAVEL
-    if beyond.sum() > most and share.max() <= _DEGREES:
-        return [_travel_in_degrees(share, beyond)]
-    if beyond.sum() > most and np.median(share) > _DEGREES:
-        return [_travel_in_counts(share[beyond], log)]
-    if (alone := share > _ONE_TRAVEL).sum() > most:
-        return []
-    names = np.array(robot.joint_names)[limited]
-    return [_travel_of_one(names[j], float(share[j])) for j in np.flatnonzero(alone)]
+    return tuple(np.array(robot.joint_names)[limited].tolist()), share
 
 
-def _travel_in_degrees(share: Vector, beyond: BoolArray) -> LogFinding:
-    return LogFinding(
+def _travel_in_degrees(share: Vector, beyond: BoolArray) -> FoundUnit:
+    options = "--units deg"
+    finding = LogFinding(
         "degrees",
         "fault",
         "all joints",
         f"joints travel up to {share.max():.3g} times the range of their limits, "
         f"and {share.max() / _DEGREES:.0%} of it if positions are in degrees",
-        "read them as degrees (--units deg), or multiply positions and velocities by "
+        f"read them as degrees ({options}), or multiply positions and velocities by "
         "pi / 180",
         float(np.median(share[beyond])) / _TRAVEL,
     )
+    return FoundUnit(finding, options)
 
 
-def _travel_in_counts(share: Vector, log: Recording) -> LogFinding:
-    units, zeros = "--units position=rev/COUNTS", "--position-offset JOINT=VALUE"
+def _travel_in_either(share: Vector, beyond: BoolArray) -> FoundUnit:
+    finding = LogFinding(
+        "degrees",
+        "fault",
+        "all joints",
+        f"joints travel up to {share.max():.3g} times the range of their limits in "
+        "whole numbers: they are degrees without decimals (--units deg), or counts of "
+        f"encoders (--units position=rev/{COUNTS})",
+        "state which of the two they are",
+        float(np.median(share[beyond])) / _TRAVEL,
+    )
+    return FoundUnit(finding, "")
+
+
+def _travel_in_counts(share: Vector, log: Recording) -> FoundUnit:
+    options = units = f"--units position=rev/{COUNTS}"
+    zeros, likely = "--position-offset JOINT=VALUE", ""
     where = f"where the log's zero is, in rad ({zeros})"
     if counts := _counts_of_a_turn(log):
         units = f"--units position=rev/{counts}"
-        zeros = " ".join(f"{joint}={-np.pi:.6g}" for joint in log.joints)
-        where = (
-            "where the log's zero is: in the middle of their range, if "
-            f"--position-offset {zeros}"
+        middle = (shlex.quote(f"{joint}={-np.pi:.6g}") for joint in log.joints)
+        zeros = f"--position-offset {' '.join(middle)}"
+        options = f"{units} {zeros}"
+        likely = (
+            f", of {counts} a turn if that is the next power of two, with zero in the "
+            "middle; the encoder's datasheet says"
         )
-    return LogFinding(
+        where = f"where the log's zero is: in the middle of their range, if {zeros}"
+    finding = LogFinding(
         "encoder scale",
         "fault",
         "all joints",
         f"joints travel {share.min():.3g} to {share.max():.3g} times the range of "
-        "their limits, more than degrees explain: positions are counts of encoders",
+        f"their limits: positions are counts of encoders{likely}",
         f"state the counts of a turn of the joint ({units}), and {where}",
         float(np.median(share)) / _TRAVEL,
     )
+    return FoundUnit(finding, options)
 
 
 def _counts_of_a_turn(log: Recording) -> int:

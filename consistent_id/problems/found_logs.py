@@ -14,9 +14,6 @@ from consistent_id.problems.floating.floating_draft import (
     floating_columns,
 )
 from consistent_id.problems.log_entries import motion_of_joints
-from consistent_id.problems.needed_units import (
-    require_seconds,
-)
 from consistent_id.problems.nominal_gains import (
     LogRowsOfJoints,
     nominal_gains,
@@ -24,6 +21,7 @@ from consistent_id.problems.nominal_gains import (
 from consistent_id.problems.statement import (
     Statement,
 )
+from consistent_id.recordings.channel_clocks import require_one_clock
 from consistent_id.recordings.column_guess import ColumnGuess, guess_columns
 from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.column_words import (
@@ -98,7 +96,6 @@ class RobotLogs:
             raw = recording_from(table, joints, self.columns, name=log.name, **how)
         else:
             raw = read_recording(log, joints, self.columns, topic=stated.topic, **how)
-        require_seconds(raw)
         return motion_of_joints(
             raw,
             wraps=stated.wraps,
@@ -206,6 +203,8 @@ def found_logs(
         with_currents = partial(guessed, replace(known, currents=True))
         locking = partial(_with_locked, model, stated, robot)
         raise _with_gains(cause, with_currents, locking, log) from None
+    if in_memory is not None:
+        require_one_clock(log, in_memory, guess.columns, tables[log])
     stated = replace(stated, topic=guess.topic)
     if log not in tables and "position" not in guess.columns.units:
         _require_usual_units(log, guess)

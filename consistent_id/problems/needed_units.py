@@ -5,35 +5,20 @@ positions in degrees would show only in the diagnosis, after the next command, a
 gains of currents that they imply would be wrong.
 """
 
-import re
 import shlex
 from collections.abc import Sequence
-from typing import NamedTuple
 
-import numpy as np
-
-from consistent_id.diagnosis.clock import clock_findings
-from consistent_id.diagnosis.wrong_units import travel_findings
-from consistent_id.errors import RecordingError
+from consistent_id.diagnosis.clock import clock_unit
+from consistent_id.diagnosis.findings import FoundUnit
+from consistent_id.diagnosis.wrong_units import travel_unit
 from consistent_id.problems.statement import Statement
-from consistent_id.recordings.readers.units import COUNTS
-from consistent_id.recordings.recording import Recording, unit_option
+from consistent_id.recordings.recording import Recording
 from consistent_id.robot.model import RobotModel
-
-_UNITS = re.compile(r"\((--units [^()]+)\)")  # in the advice of a finding
-_ZEROS = re.compile(r"--position-offset(?: [^\s=]+=[-+.\de]+)+")
-
-
-class NeededUnit(NamedTuple):
-    """A unit that a log's numbers show: the option that states it, and why."""
-
-    option: str
-    sentence: str
 
 
 def needed_unit(
     robot: RobotModel, log: Recording, stated: Statement
-) -> NeededUnit | None:
+) -> FoundUnit | None:
     """Return the unit of the clock or of positions that is not the stated one.
 
     Parameters
@@ -44,32 +29,10 @@ def needed_unit(
         Channels whose units are stated are not examined.
     """
     units = stated.units or {}
-    found = [] if "time" in units else clock_findings(log)
-    if not found and "position" not in units:
-        found = [f for f in travel_findings(robot, log) if f.where == "all joints"]
-    for finding in found:
-        option, zeros = (p.search(finding.advice) for p in (_UNITS, _ZEROS))
-        if option is not None and COUNTS not in option[1]:
-            both = [option[1], *([zeros[0]] if zeros is not None else [])]
-            return NeededUnit(" ".join(both), finding.statement)
-    return None
-
-
-def require_seconds(log: Recording) -> None:
-    """Refuse a clock in days, as of spreadsheets, whose steps no filter could resolve.
-
-    Raises
-    ------
-    RecordingError
-        With the option that states the unit.
-    """
-    if "=day" in (option := unit_option(log.time)):
-        step = float(np.median(np.diff(log.time)))
-        raise RecordingError(
-            f"{log.name}: samples are {step:.3g} s apart, more than any robot logs; "
-            f"they look like days: {option} (or h, min)",
-            options=option,
-        )
+    found = None if "time" in units else clock_unit(log)
+    if found is None and "position" not in units:
+        return travel_unit(robot, log)
+    return found
 
 
 def joined_options(options: Sequence[str]) -> str:

@@ -126,8 +126,10 @@ def _further(
     said, further = list[str](), list[str]()
     logs, read, more = with_options(model, log, stated, joined_options(options), tables)
     while (unit := needed_unit(logs.robot, read, more)) is not None:
-        said.append(f"Then {unit.sentence}: {unit.option}")
-        further.append(unit.option)
+        said.append(f"Then {unit.finding.statement}: {unit.options}".rstrip(": "))
+        further += [unit.options] * bool(unit.options)
+        if not unit.options or COUNTS in unit.options:  # what follows depends on it
+            return said, further
         given = joined_options([*options, *further])
         logs, read, more = with_options(model, log, stated, given, tables)
     if more.wraps is None and _wraps(read):

@@ -14,8 +14,10 @@ import numpy as np
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.columns import Columns
+from consistent_id.recordings.readers.data_frames import ColumnTable
 from consistent_id.recordings.readers.recording_file import reader_of
 from consistent_id.recordings.readers.units import is_time
+from consistent_id.recordings.unnamed_columns import rises
 
 _WORD = r"(?:time|timestamps?|stamp|clock|t|ts|zeit)"
 _BEFORE = re.compile(rf"{_WORD}[_./ ]+(?P<stem>.+)", re.IGNORECASE)
@@ -51,8 +53,22 @@ def own_clock(column: str, clocks: Sequence[str]) -> str | None:
     return max(owned, key=len, default=None)
 
 
-def require_one_clock(log: Path, names: Sequence[str], found: Columns) -> None:
+def require_one_clock(
+    log: Path,
+    names: Sequence[str],
+    found: Columns,
+    table: ColumnTable | None = None,
+) -> None:
     """Refuse a log whose torques or velocities have another clock than its positions.
+
+    Parameters
+    ----------
+    names : sequence of str
+        All columns of the log.
+    found : Columns
+        Those that are read.
+    table : ColumnTable, optional
+        The log, if it is in memory; the path stands for it.
 
     Raises
     ------
@@ -68,10 +84,12 @@ def require_one_clock(log: Path, names: Sequence[str], found: Columns) -> None:
         other = None if column is None else own_clock(column, clocks)
         if first is None or other in (None, first):
             continue
-        lenient = {"missing": "omit"} if log_format(log).is_text else {}
-        read = reader_of(log).read_arrays(log, [first, other], **lenient)
+        read = table
+        if read is None:
+            lenient = {"missing": "omit"} if log_format(log).is_text else {}
+            read = reader_of(log).read_arrays(log, [first, other], **lenient)
         one, two = (np.asarray(read[name]).reshape(-1) for name in (first, other))
-        if not np.array_equal(one, two):
+        if rises(one) and rises(two) and not np.array_equal(one, two, equal_nan=True):
             raise RecordingError(
                 f"{log}: the position has the clock {first}, the {channel} {other}, "
                 "and their times differ. A table has one clock: write each of these "

@@ -18,8 +18,6 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.channel_clocks import require_one_clock
 from consistent_id.recordings.column_names import (
     NamePattern,
-    mapping_advice,
-    mapping_option,
     shown,
 )
 from consistent_id.recordings.column_proposals import (
@@ -27,11 +25,13 @@ from consistent_id.recordings.column_proposals import (
     KnownColumns,
     candidates,
     not_found,
+    of_unit,
     require_width,
 )
 from consistent_id.recordings.column_words import (
     CHANNELS,
     is_bare,
+    says_unit_of,
     unit_of,
 )
 from consistent_id.recordings.log_formats import has_no_arrays, log_format
@@ -39,6 +39,7 @@ from consistent_id.recordings.mixed_columns import (
     require_one_torque,
     rivals,
 )
+from consistent_id.recordings.own_names import mapping_advice, mapping_option
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
@@ -135,6 +136,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         if in_file:
             patterns = _with_motion(log, patterns, len(listed or moved))
         if not patterns and channel == "velocity":
+            notes += _unread_velocity(names, moved)
             continue
         if not patterns:
             where = joints if channel == "position" else moved
@@ -153,8 +155,8 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             notes.append(f"{channel} is read from {best.text}: {', '.join(each)}")
         if len(each_name := listed_names(best.text)) > 1:
             notes.append(f"{channel} is read from {', '.join(each_name)}")
-        if channel == "position" and is_bare(best.text):
-            notes.append(f"{best.text} is taken as the position: no other column is")
+        if is_bare(best.text) or says_unit_of(channel, best.text):
+            notes.append(f"{best.text} is taken as the {channel}: no other column is")
         if also := rivals(best, others):
             notes.append(f"{channel} is read from {best.text}, not from {also}")
     if in_file:
@@ -163,6 +165,15 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         order = listed or array_order(log, names, tuple(found.array_joints))
         found = replace(found, array_joints=order)
     return ColumnGuess(found, moved, tuple(notes))
+
+
+def _unread_velocity(names: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Return a note on columns in a unit of velocity that may be another speed."""
+    return [
+        f"{pattern} is not read: only its unit says a velocity, which may be that of "
+        f"a motor or a fan; if it is the joints': {option}"
+        for pattern, option in of_unit("velocity", names, joints).items()
+    ]
 
 
 def _with_listed_joints(
@@ -262,8 +273,12 @@ def _with_motion(
 
 def _empty_joints(values: np.ndarray, joints: int) -> int:
     """Return the number of an array's joints that are zero throughout, or missing."""
-    numbers = np.asarray(values, dtype=np.float64)
-    if numbers.ndim != 2 or joints not in numbers.shape:
+    numbers = np.asarray(values)
+    if (
+        numbers.dtype.kind not in "biuf"
+        or numbers.ndim != 2
+        or joints not in numbers.shape
+    ):
         return joints + 1
     upright = numbers if numbers.shape[1] == joints else numbers.T
     return int((upright == 0.0).all(axis=0).sum())

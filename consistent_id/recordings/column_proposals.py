@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,31 +12,33 @@ from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.column_names import (
     NamePattern,
     NumberedColumns,
-    mapping_advice,
-    mapping_option,
+    doubt,
     name_patterns,
     numbered_columns,
-    own_names,
     shown,
     with_joint,
 )
 from consistent_id.recordings.column_words import (
+    CHANNELS,
     channel_of,
+    may_be_of_unit,
     says_nothing,
     words,
 )
 from consistent_id.recordings.mixed_columns import (
     mixed_patterns,
 )
+from consistent_id.recordings.own_names import mapping_advice, mapping_option, own_names
 from consistent_id.recordings.readers.columns import Columns
+from consistent_id.recordings.readers.named_arrays import upright
 from consistent_id.recordings.readers.recording_file import reader_of
 from consistent_id.recordings.readers.units import Units
 from consistent_id.recordings.recording import COMMANDS
 from consistent_id.recordings.unknown_columns import (
     UnknownColumns,
     arrays_of_a_group,
-    joints_of_runs,
     joints_of_wide,
+    moving_part,
     unknown_columns,
 )
 from consistent_id.robot.parameters import did_you_mean
@@ -45,6 +48,8 @@ WITHOUT_TORQUE = (
 )
 
 GAINS = "KP,KD"  # in place of values that no log contains
+
+_DOUBTFUL = 2  # rank of columns of something else
 
 _EXAMPLES = {
     "position": "q_{joint}",
@@ -186,16 +191,18 @@ def _advice(
     in_groups = _by_numbers(log, names, joints, known, arrays_of_a_group)
     if in_groups is not None:
         return in_groups
+    if channel == "position" and (named := _advice_by_unit(channel, names, joints)):
+        return named
     if len(own) > 1 and len(own) >= max(map(len, others), default=0):
         return mapping_advice(own, joints), mapping_option(own, joints)
     if others and len(others[0]) > len(joints) and known.names is None:
-        return _of_more_columns(log, runs, others[0], joints, known)
+        return _of_more_columns(log, runs, others[0], channel, joints, known)
     if others:
         number, rows = len(others[0]), known.rows
         more = _of_another_number(f"{others[0]} are", number, joints, rows)
         return more, _locked(number, joints, rows)
     if channel == "torque":
-        torque = _advice_on_torque(runs, names, joints, known)
+        torque = _advice_on_torque(names, joints, known)
         if torque is not None:
             return torque
     if found := _by_numbers(log, names, joints, known, unknown_columns):
@@ -205,8 +212,19 @@ def _advice(
     return "", ""
 
 
+def _advice_by_unit(
+    channel: str, names: Sequence[str], joints: Sequence[str]
+) -> tuple[str, str] | None:
+    """Return what may be a channel by its unit alone, and the option if it is one."""
+    named = of_unit(channel, names, joints)
+    if not named:
+        return None
+    said = f" Only the unit says that {' or '.join(named)} may be it"
+    first = next(iter(named.values()))
+    return f"{said}: if so: {first}", first if len(named) == 1 else ""
+
+
 def _advice_on_torque(
-    runs: Sequence[NumberedColumns],
     names: Sequence[str],
     joints: tuple[str, ...],
     known: KnownColumns,
@@ -226,6 +244,8 @@ def _advice_on_torque(
         return more, ""
     if of_controllers := _of_controllers(names, joints):
         return of_controllers, ""
+    if named := _advice_by_unit("torque", names, joints):
+        return named
     alone = KnownColumns(joints)
     if commands := candidates("position_command", names, joints, alone):
         more = (
@@ -241,8 +261,9 @@ def _advice_on_torque(
             "--gains KP,KD[,LIMIT] ..."
         )
         return more, of_commands
-    if unknown := _unknown(runs, names, joints):
-        what, options = unknown
+    unknown = _for_each(says_nothing, "torque", names, joints)
+    if len(unknown) == 1:
+        ((what, options),) = unknown.items()
         more = (
             f" Of the columns without a known word, only {what} are as many as the "
             f"joints: if they are torques or motor currents: {options}"
@@ -254,25 +275,43 @@ def _advice_on_torque(
 def _of_more_columns(
     log: Path,
     runs: Sequence[NumberedColumns],
-    position: NumberedColumns,
+    more: NumberedColumns,
+    channel: str,
     joints: tuple[str, ...],
     known: KnownColumns,
 ) -> tuple[str, str]:
-    """Return a sentence and options for numbered columns of more than the joints."""
-    likely = {"position": position} | {
-        channel: run
-        for channel in ("velocity", "torque")
-        for run in runs[::-1]
-        if channel_of(run.pattern) == channel and len(run) == len(position)
-    }
-    more = _of_another_number(f"{position} are", len(position), joints, known.rows)
-    try:
-        options, number = joints_of_runs(log, likely, len(joints))
-    except RecordingError:  # such as empty cells
-        return more, ""
+    """Return a sentence and options for numbered columns of more than the joints.
+
+    Another channel with a column for each joint says which numbers are theirs.
+    """
+    said = _of_another_number(f"{more} are", len(more), joints, known.rows)
+    of_channel = {c: [r for r in runs if channel_of(r.pattern) == c] for c in CHANNELS}
+    likely = {channel: more}
+    if channel == "position":
+        for other in CHANNELS[1:]:
+            as_many = [run for run in of_channel[other] if len(run) == len(more)]
+            if as_many:
+                likely[other] = as_many[0]
+    every = [run for several in of_channel.values() for run in several]
+    exact = [run for run in every if len(run) == len(joints)]
+    numbers = {(run.first, run.last) for run in exact}
+    if len(numbers) == 1:
+        ((first, last),) = numbers
+        part = first - more.first, last + 1 - more.first
+        if part[0] < 0 or last > more.last:
+            return said, ""
+        as_in = f" {exact[0]} have the numbers of the joints"
+    else:
+        as_in = " If the joints are those of a part of them"
+        try:
+            part = moving_part(log, more, len(joints))
+        except RecordingError:  # such as empty cells
+            return said, ""
+    number = part[1] - part[0]
+    options = " ".join(run.option_of_part(c, *part) for c, run in likely.items())
     if number < len(joints):
         options = f"{_locked(number, joints, known.rows)} {options}".strip()
-    return f"{more} If the joints are those of a part of them: {options}", options
+    return f"{said}{as_in}: {options}", options
 
 
 def _by_numbers(
@@ -296,21 +335,38 @@ def _by_numbers(
     return f"{found.sentence}, with {lock}", f"{lock} {found.options}"
 
 
-def _unknown(
-    runs: Sequence[NumberedColumns], names: Sequence[str], joints: Sequence[str]
-) -> tuple[str, str] | None:
-    """Return the only columns, one for each joint, whose names say nothing known.
+def of_unit(
+    channel: str, names: Sequence[str], joints: Sequence[str]
+) -> dict[str, str]:
+    """Return columns that only a unit says to be of a channel, and options for them.
 
-    And the option that reads them as torque.
+    Examples
+    --------
+    >>> of_unit("torque", ["t", "brake1_Nm", "brake2_Nm"], ["hip", "knee"])
+    {'brake{1..2}_Nm': "--torque 'brake{number}_Nm'"}
     """
-    several = [r for r in runs if len(r) == len(joints) and says_nothing(r.pattern)]
-    found = {str(run): run.option("torque") for run in several}
-    texts = {with_joint(name, joints) for name in names}
-    for text in texts - {*names}:
+    return _for_each(partial(may_be_of_unit, channel), channel, names, joints)
+
+
+def _for_each(
+    fits: Callable[[str], bool],
+    channel: str,
+    names: Sequence[str],
+    joints: Sequence[str],
+) -> dict[str, str]:
+    """Return columns, one for each joint, that fit, and options that read them.
+
+    Without those whose words say that they are of something else.
+    """
+    runs = [run for run in numbered_columns(names) if len(run) == len(joints)]
+    found = {run.pattern: (str(run), run.option(channel)) for run in runs}
+    known = frozenset(names)
+    for text in dict.fromkeys(with_joint(name, joints) for name in names):
         each = {text.replace("{joint}", joint) for joint in joints}
-        if says_nothing(text) and each <= {*names}:
-            found[text] = f"--torque {shlex.quote(text)}"
-    return next(iter(found.items())) if len(found) == 1 else None
+        if text not in known and each <= known:
+            found[text] = text, f"--{channel} {shlex.quote(text)}"
+    of_it = (text for text in found if fits(text) and doubt(channel, text) < _DOUBTFUL)
+    return dict(found[text] for text in of_it)
 
 
 def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
@@ -334,14 +390,14 @@ def require_width(
 ) -> None:
     """Refuse an array that has columns of fewer or more joints."""
     array = np.asarray(reader_of(log).read_arrays(log, [name])[name])
-    if array.ndim != 2 or len(joints) in array.shape:
+    if array.ndim != 2 or not array.size or len(joints) in array.shape:
         return
-    number = min(array.shape)
+    samples, number = upright(array).shape
     options = _locked(number, joints, known.rows)
     more = _of_another_number("These are", number, joints, known.rows)
     if number > len(joints):
-        options = _part_of_wide(log, len(array), names, tuple(joints), known)
-        more = f"{more} If the joints are those of a part of them: {options}"
+        said, options = _part_of_wide(log, samples, names, tuple(joints), known)
+        more += said
     raise RecordingError(
         f"{log}: array {name!r} has shape {array.shape}.{more}", options=options
     )
@@ -353,23 +409,39 @@ def _part_of_wide(
     names: Sequence[str],
     joints: tuple[str, ...],
     known: KnownColumns,
-) -> str:
-    """Return the options that name the robot's joints in arrays of more columns."""
+) -> tuple[str, str]:
+    """Return a sentence and options for the robot's joints in arrays of more columns.
+
+    No options if it is open which columns are theirs.
+    """
     wide: dict[str, tuple[str, np.ndarray]] = {}
     for channel in ("position", "velocity", known.effort):
         arrays = [p.text for p in candidates(channel, names, joints, known)]
         read = reader_of(log).read_arrays(log, arrays) if arrays else {}
         for name in arrays[::-1]:
             if np.ndim(read[name]) == 2 and samples in np.shape(read[name]):
-                upright = read[name] if len(read[name]) == samples else read[name].T
-                wide[channel] = name, np.asarray(upright)
-    parts = joints_of_wide({c: v for c, (_, v) in wide.items()}, len(joints))
-    number = min(end - first for first, end in parts.values())
-    said = [_locked(number, joints, known.rows)] * (number < len(joints))
-    for channel, (first, end) in parts.items():
-        part = shlex.quote(f"{wide[channel][0]}[{first}:{end}]")
-        said.append(f"--{channel.replace('_', '-')} {part}")
-    return " ".join(said)
+                rows = read[name] if len(read[name]) == samples else read[name].T
+                wide[channel] = name, np.asarray(rows)
+    values = {channel: rows for channel, (_, rows) in wide.items()}
+    parts = joints_of_wide(values, len(joints))
+    sure = [part for part in parts.values() if part is not None]
+    number = sure[0][1] - sure[0][0] if sure else len(joints)
+
+    def options_of(at_end: bool) -> str:
+        said = [_locked(number, joints, known.rows)] * (number < len(joints))
+        for channel, part in parts.items():
+            name, rows = wide[channel]
+            start = rows.shape[1] - number if at_end else 0
+            first, end = part or (start, start + number)
+            of_name = shlex.quote(f"{name}[{first}:{end}]")
+            said.append(f"--{channel.replace('_', '-')} {of_name}")
+        return " ".join(said)
+
+    options = options_of(at_end=False)
+    if len(sure) == len(parts):
+        return f" If the joints are those of a part of them: {options}", options
+    last = options_of(at_end=True)
+    return f" If the joints are the first of them: {options}; if the last: {last}", ""
 
 
 def _likely(

@@ -42,6 +42,7 @@ _COMMANDED |= {"d"}
 _OTHER = {"error", "err", "limit", "action", "ext", "external", "computed", "residual"}
 _OTHER |= {"ddot", "acc", "accel", "acceleration", "accelerations", "jerk", "std"}
 _OTHER |= {"gravity", "coriolis", "temperature", "voltage"}
+_OTHER |= {"tcp", "tip", "ee", "eef", "cartesian"}  # the pose and wrench of a tool
 _RATE = {"dot"}  # of a position: its velocity
 _STATE = {"observation", "state"}  # LeRobot
 _MEASURED = {"observation", "state", "actual"}
@@ -116,7 +117,8 @@ _LAST_UNIT = re.compile(  # in brackets, or a word of its own
 _LETTERS = re.compile(r"[a-z]+")
 _OTHER_LETTERS = re.compile(r"[^\W\d_a-zà-ÿµμ]+")  # Japanese, Cyrillic and the like
 _GREEK = str.maketrans({"θ": "theta", "τ": "tau"})
-_HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+"""The place before a word that a capital letter begins: ``basePos``."""
 # A word that another one follows without a mark: ``jointpos``, ``qmeas``.
 _GLUED = re.compile(
     r"(?<![a-z])(joint(?=[a-z]{3})|(?:d?q|qd|tau|trq|pos|vel)"
@@ -136,7 +138,7 @@ def words(pattern: str) -> set[str]:
     """
     rest = _JOINT.sub(" ", pattern).translate(_GREEK)
     lower = rest.lower()
-    apart = _GLUED.sub(r"\1 ", _HUMP.sub(" ", rest).lower())
+    apart = _GLUED.sub(r"\1 ", HUMP.sub(" ", rest).lower())
     return {
         *_LETTERS.findall(lower),
         *_LETTERS.findall(apart),
@@ -245,19 +247,33 @@ def says_nothing(pattern: str) -> bool:
 
 
 def says_unit_of(channel: str, pattern: str) -> bool:
-    """Return whether the unit that ends it says the channel of a name without words.
+    """Return whether a pattern is a joint's name or number and a unit of the channel.
+
+    Any other word may say that it is something else: a limit, a fan, a load cell.
 
     Examples
     --------
-    >>> says_unit_of("torque", "{joint} load [Nm]"), says_unit_of("torque", "x [Nm]")
+    >>> says_unit_of("torque", "{joint} [Nm]"), says_unit_of("velocity", "J1 [rpm]")
     (True, True)
-    >>> says_unit_of("velocity", "{joint} rate [deg/s]")
-    True
-    >>> says_unit_of("torque", "{joint} friction error [Nm]")
+    >>> says_unit_of("torque", "{joint} brake [Nm]")
     False
     """
     rest = before_unit_of(channel, pattern)
-    return rest is not None and (says_nothing(rest) or is_bare(rest))
+    return rest is not None and is_bare(rest)
+
+
+def may_be_of_unit(channel: str, pattern: str) -> bool:
+    """Return whether a unit of the channel ends a pattern without a known word.
+
+    Examples
+    --------
+    >>> may_be_of_unit("torque", "{joint} load [Nm]"), may_be_of_unit("torque", "x")
+    (True, False)
+    >>> may_be_of_unit("torque", "{joint} friction error [Nm]")
+    False
+    """
+    rest = before_unit_of(channel, pattern)
+    return rest is not None and says_nothing(rest)
 
 
 def before_unit_of(channel: str, name: str) -> str | None:

@@ -38,9 +38,11 @@ Severity = Literal["fault", "warning", "note"]
 
 
 _USUAL_STEP = (5e-5, 0.5)  # s, between samples of a robot's log
-_LEAST_STEP = 1e-6  # s: no log of a robot is as fast, but one in days
+LEAST_STEP = 2e-5  # s: no log of a robot is as fast, but one in hours
+_COMMON_STEP = 4e-3  # s
 _FROM_1970 = (1e9, 3e9)  # s, from the year 2001 to 2065
 _TICKS = ("100ns", 1e-7)
+_LONG = {"min": 60.0, "h": 3600.0, "day": 86400.0}
 _TICKS_FROM = (1.2e17, 6.6e17)  # from 1601 or the year 1 to this century
 
 
@@ -48,7 +50,8 @@ def unit_option(time: Vector) -> str:
     """Return the option with the unit in which a clock has usual steps; empty for s.
 
     Clocks that count from 1970 have the unit that this implies.  Days of spreadsheets
-    and ticks of 100 ns count from other years.
+    and ticks of 100 ns count from other years.  Steps that are too short are of the
+    longer unit in which they are nearest to those of most logs.
 
     Examples
     --------
@@ -56,11 +59,14 @@ def unit_option(time: Vector) -> str:
     ('--units time=ms', '')
     >>> unit_option(1.7e15 + np.array([0.0, 100.0])), unit_option(np.array([0.0, 1e-7]))
     ('--units time=us', '--units time=day')
+    >>> unit_option(np.array([0.0, 0.004 / 3600.0]))
+    '--units time=h'
     """
     with np.errstate(over="ignore"):
         step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    if 0.0 < step < _LEAST_STEP:
-        return "--units time=day"
+    if 0.0 < step < LEAST_STEP:
+        off = {u: abs(np.log(f * step / _COMMON_STEP)) for u, f in _LONG.items()}
+        return f"--units time={min(off, key=lambda unit: off[unit])}"
     if step <= _USUAL_STEP[1]:
         return ""
     units = [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)]

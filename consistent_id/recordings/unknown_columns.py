@@ -22,7 +22,14 @@ from consistent_id.recordings.readers.named_arrays import read_parts
 from consistent_id.recordings.readers.recording_file import reader_of
 from consistent_id.recordings.readers.units import clock_columns, is_time, rate_of
 from consistent_id.recordings.readers.used_rows import UsedRows
-from consistent_id.recordings.unnamed_columns import clock_column, column_layout
+from consistent_id.recordings.unnamed_columns import (
+    ALIKE,
+    clock_column,
+    column_layout,
+    is_clock,
+    normalised,
+    readable,
+)
 
 _MOST_BLOCKS = 40  # that are compared
 _FEWEST = 20  # rows
@@ -66,43 +73,55 @@ def unknown_columns(
     known : mapping of str to str
         Columns by channel that are stated.
     """
+    flat = has_no_arrays(log, names)
+    runs = [r for r in numbered_columns(names) if flat and _may_be_one(r.pattern)]
+    of_runs = {n: [r for r in runs if len(r) == n][:_MOST_BLOCKS] for n in numbers}
+    wanted = [name for name in names if _may_be_one(name) and not is_time(name)]
+    if flat:
+        every = (run for several in of_runs.values() for run in several)
+        wanted = [run.name(place) for run in every for place in range(len(run))]
     try:
-        time = _times(log, names, known)
-        for joints in numbers:
-            every = _blocks(log, names, joints, len(time), known.get("time", ""))
-            blocks = list(every)[:_MOST_BLOCKS]
-            if found := _channels(time, blocks, joints, known):
-                return found
-    except RecordingError:  # such as empty cells: another error says it
+        clock = known.get("time") or clock_column(log, names, in_file=True)
+        read = readable(log, [*wanted, *({clock} & {*names})])
+        time = _times(log, clock, read)
+    except RecordingError:  # another error says it
         return None
+    read.pop(clock, None)
+    for joints in numbers:
+        blocks = list(_of_runs(of_runs[joints], read))
+        if not flat:
+            blocks = list(_of_arrays(read, joints, len(time), clock))[:_MOST_BLOCKS]
+        if found := _channels(time, blocks, joints, known):
+            return found
     return None
 
 
-def _times(log: Path, names: Sequence[str], known: Mapping[str, str]) -> np.ndarray:
+def _times(log: Path, clock: str, read: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the clock, or the numbers of the samples if a rate stands for it."""
-    clock = known.get("time") or clock_column(log, names, in_file=True)
     columns = clock_columns(clock)
     if rate_of(clock) is None and len(columns) == 1:
-        read = read_parts(reader_of(log), log, columns, UsedRows())
+        if clock not in read:  # a part of an array, or not readable
+            read = read_parts(reader_of(log), log, columns, UsedRows())
         return np.asarray(read[clock], dtype=np.float64).reshape(-1)
-    likely = [name for name in names if not is_time(name)]
-    read = reader_of(log).read_arrays(log, likely)
-    return np.arange(max(max(np.shape(values), default=0) for values in read.values()))
+    return np.arange(
+        max((max(np.shape(v), default=0) for v in read.values()), default=0)
+    )
 
 
-def _blocks(
-    log: Path, names: Sequence[str], joints: int, samples: int, clock: str
+def _of_runs(
+    runs: Sequence[NumberedColumns], read: Mapping[str, np.ndarray]
 ) -> Iterator[_Block]:
-    """Yield columns of a channel, and those without a known word, for each joint."""
-    if has_no_arrays(log, names):
-        for run in numbered_columns(names):
-            if len(run) == joints and _may_be_one(run.pattern):
-                each = [run.name(place) for place in range(joints)]
-                read = reader_of(log).read_arrays(log, each)
-                yield _Block(run, np.column_stack([read[name] for name in each]))
-        return
-    likely = [name for name in names if _may_be_one(name) and not is_time(name)]
-    read = reader_of(log).read_arrays(log, likely)
+    """Yield the numbered columns that could be read."""
+    for run in runs:
+        each = [run.name(place) for place in range(len(run))]
+        if read.keys() >= set(each):
+            yield _Block(run, np.column_stack([read[name] for name in each]))
+
+
+def _of_arrays(
+    read: Mapping[str, np.ndarray], joints: int, samples: int, clock: str
+) -> Iterator[_Block]:
+    """Yield arrays with a column for each joint, and such parts of wider ones."""
     for name, values in read.items():
         array = np.squeeze(np.asarray(values))
         if (
@@ -111,13 +130,14 @@ def _blocks(
             or array.dtype.kind not in "fi"
         ):
             continue
-        upright = array if len(array) == samples else array.T
-        width, begin = upright.shape[1], int(clock == f"{name}[0:1]")
+        rows = array if len(array) == samples else array.T
+        width = rows.shape[1]
+        begin = int(clock == f"{name}[0:1]" or is_clock(rows[:, 0]))
         if (width - begin) % joints:
             continue
         for first in range(begin, width, joints):
             part = f"[{first}:{first + joints}]" if width > joints else ""
-            yield _Block(f"{name}{part}", upright[:, first : first + joints])
+            yield _Block(f"{name}{part}", rows[:, first : first + joints])
 
 
 def _may_be_one(name: str) -> bool:
@@ -192,11 +212,14 @@ def arrays_of_a_group(
 
 def joints_of_wide(
     arrays: Mapping[str, Matrix], joints: int
-) -> dict[str, tuple[int, int]]:
+) -> dict[str, tuple[int, int] | None]:
     """Return the first column and the end of each array's columns that are joints.
 
-    Those that move, if they are neighbours and no more than the joints, in the torque
-    before the motion, and as many from the end in all; else the first.
+    The drives' effort says how many joints there are: all of its columns, or those
+    that move, if they are neighbours and no more than the joints; without such, those
+    of the motion that move.  Other arrays have as many: those that move, or the same
+    columns of an array as wide, or those whose rates of change are the velocity.  None
+    if nothing of this says it; without any hint the first.
 
     Parameters
     ----------
@@ -209,34 +232,66 @@ def joints_of_wide(
     >>> joints_of_wide({"position": rows, "velocity": rows[:, 1:]}, 3)
     {'position': (1, 3), 'velocity': (0, 2)}
     """
-    for _, values in sorted(arrays.items(), reverse=True):  # the torque goes first
-        moving = np.flatnonzero(np.ptp(values, axis=0))
-        if 0 < len(moving) <= joints and len(moving) == np.ptp(moving) + 1:
-            behind = values.shape[1] - int(moving[-1]) - 1
-            ends = {c: v.shape[1] - behind for c, v in arrays.items()}
-            return {c: (end - len(moving), end) for c, end in ends.items()}
-    return dict.fromkeys(arrays, (0, joints))
+    moving = {channel: _moving(values) for channel, values in arrays.items()}
+    efforts = {c: v for c, v in arrays.items() if c not in ("position", "velocity")}
+    known = next((c for c in (*efforts, *arrays) if moving[c][1] <= joints), None)
+    if known is None:
+        alike = len({v.shape[1] for v in arrays.values()}) == 1
+        return dict.fromkeys(arrays, (0, joints) if alike else None)
+    width = arrays[known].shape[1]
+    first, number = moving[known]
+    if known in efforts and width <= joints:
+        first, number = 0, width
+    found: dict[str, tuple[int, int] | None] = {}
+    for channel, values in arrays.items():
+        start, own = moving[channel]
+        if own == number:
+            found[channel] = start, start + number
+        elif values.shape[1] == number:
+            found[channel] = 0, number
+        else:
+            same = values.shape[1] == width
+            found[channel] = (first, first + number) if same else None
+    if {"position", "velocity"} <= {*arrays}:
+        for open_, other in (("position", "velocity"), ("velocity", "position")):
+            if found[open_] is None and (part := found[other]) is not None:
+                given = arrays[other][:, slice(*part)]
+                found[open_] = _of_rates(arrays[open_], given, open_)
+    return found
 
 
-def joints_of_runs(
-    log: Path, runs: Mapping[str, NumberedColumns], joints: int
-) -> tuple[str, int]:
-    """Return options for the columns of runs that are joints, and their number.
+def _moving(values: Matrix) -> tuple[int, int]:
+    """Return the first column that moves, and their number; if apart, of all."""
+    moving = np.flatnonzero(np.ptp(values, axis=0))
+    if not len(moving) or len(moving) != np.ptp(moving) + 1:
+        return 0, values.shape[1]
+    return int(moving[0]), len(moving)
 
-    Parameters
-    ----------
-    runs : mapping of str to NumberedColumns
-        By channel, the position first; all of more columns than the joints.
+
+def _of_rates(values: Matrix, given: Matrix, channel: str) -> tuple[int, int] | None:
+    """Return the columns of positions whose rates are given velocities, or reversed."""
+    position, velocity = (values, given) if channel == "position" else (given, values)
+    rates, means = np.diff(position, axis=0), velocity[1:] + velocity[:-1]
+    alike = normalised(rates).T @ normalised(means)
+    alike = alike if channel == "position" else alike.T
+    width, joints = alike.shape
+    starts = range(width - joints + 1)
+    each = [float(np.median(np.diag(alike[start:]))) for start in starts]
+    best = int(np.argmax(each)) if each else 0
+    return (best, best + joints) if each and each[best] >= ALIKE else None
+
+
+def moving_part(log: Path, run: NumberedColumns, joints: int) -> tuple[int, int]:
+    """Return the first place and the end of numbered columns that are joints.
+
+    Those that move, if they are neighbours and no more than the joints; else the first.
+
+    Raises
+    ------
+    RecordingError
+        If they cannot be read.
     """
-    position = runs["position"]
-    each = [position.name(place) for place in range(len(position))]
+    each = [run.name(place) for place in range(len(run))]
     read = reader_of(log).read_arrays(log, each)
-    table = np.column_stack([read[name] for name in each])
-    first, end = joints_of_wide({"position": table}, joints)["position"]
-    options = []
-    for channel, run in runs.items():
-        if len(run) == len(position):
-            numbers = f"{{{run.number(first)}..{run.number(end - 1)}}}"
-            pattern = shlex.quote(f"{run.before}{numbers}{run.after}")
-            options.append(f"--{channel} {pattern}")
-    return " ".join(options), end - first
+    first, number = _moving(np.column_stack([read[name] for name in each]))
+    return (first, first + number) if number <= joints else (0, joints)

@@ -16,13 +16,15 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_names import mapping_advice, mapping_option, shown
+from consistent_id.recordings.column_names import shown
 from consistent_id.recordings.column_words import channel_of, words
+from consistent_id.recordings.own_names import mapping_advice, mapping_option
+from consistent_id.recordings.readers.named_arrays import upright
 from consistent_id.recordings.readers.recording_file import reader_of
 from consistent_id.recordings.readers.units import (
     RATE,
     clock_columns,
-    is_time,
+    named_clocks,
     rate_of,
     split_clock,
 )
@@ -35,9 +37,10 @@ _OF_NAMES = {"joint", "joints", "motor", "actuator", "dof", "name", "names"}
 _CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t", "ts", "zeit"}
 _CLOCKS |= {"times", "stamps", "tout"}
 _SPANS = _CLOCKS | {"duration", "elapsed", "millis", "ms", "seconds"}
+_MOSTLY = 0.9  # share of steps that do not go back
 _UNEVEN = 20.0  # longest step over the median one, of a clock
 _REPEATED = 4  # most rows with one stamp
-_ALIKE = 0.9  # least correlation of a velocity with the position's rate of change
+ALIKE = 0.9  # least correlation of a velocity with the position's rate of change
 _COPY = 0.98  # of a command of position with the position
 _FEWEST = 20  # rows that correlations need
 _SMOOTH = 5  # samples over which a rate of change is taken
@@ -217,14 +220,15 @@ def is_clock(column: Vector) -> bool:
 def _first_of_array(arrays: Mapping[str, np.ndarray]) -> str:
     """Return the first column of the only array of many, if it rises like a clock."""
     wide = {n: v for n, v in arrays.items() if np.ndim(v) == 2 and min(v.shape) > 1}
-    for name, values in wide.items() if len(wide) == len(arrays) == 1 else ():
+    for name, array in wide.items() if len(wide) == len(arrays) == 1 else ():
+        values = upright(array)
         if values.shape[0] > values.shape[1] and values.dtype.kind in "iuf":
             column = values[:, 0].astype(np.float64)
             return f"{name}[0:1]" if is_clock(column) else ""
     return ""
 
 
-def _readable(log: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
+def readable(log: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the columns that can be read; those with empty cells may not matter."""
     if not names:
         return {}
@@ -233,7 +237,7 @@ def _readable(log: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     except RecordingError:
         half = len(names) // 2
         parts = (names[:half], names[half:]) if half else ()
-        return {n: v for part in parts for n, v in _readable(log, part).items()}
+        return {n: v for part in parts for n, v in readable(log, part).items()}
 
 
 def _counts(column: Vector) -> bool:
@@ -284,9 +288,9 @@ def _motion(alike: Matrix) -> tuple[int, ...]:
     alike = np.where(np.eye(len(alike), dtype=bool), -1.0, alike)
     likely = np.flatnonzero(alike > alike.max() - 1e-3)
     position, velocity = divmod(int(likely[0]), len(alike))
-    if alike[position, velocity] < _ALIKE:
+    if alike[position, velocity] < ALIKE:
         return (0,)
-    while (before := np.flatnonzero(alike[:position, position] >= _ALIKE)).size:
+    while (before := np.flatnonzero(alike[:position, position] >= ALIKE)).size:
         position, velocity = int(before[0]), position
     return position, velocity
 
@@ -309,7 +313,7 @@ def _correlations(one: Matrix, other: Matrix, joints: int) -> Matrix:
         Correlation of each block of one with each of the other; zero if nothing moves
         in both.
     """
-    a, b = _normalised(one), _normalised(other)
+    a, b = normalised(one), normalised(other)
     found = np.stack([a[:, j::joints].T @ b[:, j::joints] for j in range(joints)])
     moves = np.stack(
         [
@@ -321,7 +325,7 @@ def _correlations(one: Matrix, other: Matrix, joints: int) -> Matrix:
     return np.asarray(np.nanmedian(np.where(moves, found, np.nan), axis=0))
 
 
-def _normalised(columns: Matrix) -> Matrix:
+def normalised(columns: Matrix) -> Matrix:
     """Return columns of length one about their means; zero where nothing moves."""
     centred = columns - columns.mean(axis=0)
     scale = np.linalg.norm(centred, axis=0)
@@ -381,19 +385,46 @@ def _lists_of_names(
 
 
 def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:
-    """Return the name of the clock; else the only like it whose numbers rise evenly."""
+    """Return the name of the clock; else the only like it whose numbers rise evenly.
+
+    Of several names the shortest whose numbers rise.  Names in minutes, hours or days,
+    such as ``t_min``, may be of another thing: they count if no other name does.
+    """
     split = split_clock(names)
-    found = [name for name in names if is_time(name)]
-    if found and (split is None or min(found, key=len) not in clock_columns(split)):
-        return min(found, key=len)
+    found = named_clocks(names)
+    if in_file and len(found) > 1:
+        found = _rising(log, found) or found
+    shortest = min(found, key=len, default="")
+    if shortest and (split is None or shortest not in clock_columns(split)):
+        return shortest
     if split is not None:
         return split
     likely = [name for name in names if in_file and words(name) & _CLOCKS]
-    read = _readable(log, likely)
+    read = readable(log, likely)
     rising = [n for n in read if is_clock(np.asarray(read[n], float).reshape(-1))]
     if len(rising) == 1:
         return rising[0]
     raise _without_clock(log, names, in_file=in_file)
+
+
+def _rising(log: Path, names: Sequence[str]) -> list[str]:
+    """Return the columns that rise; those without numbers, too: they may be dates."""
+    read = {name: np.asarray(values) for name, values in readable(log, names).items()}
+    return [n for n, c in read.items() if c.dtype.kind not in "iuf" or rises(c)]
+
+
+def rises(column: np.ndarray) -> bool:
+    """Return whether numbers end above their beginning, and most do not go back.
+
+    Gaps, repeated stamps and a few rows in disorder are allowed, unlike by `is_clock`.
+    """
+    flat = np.asarray(column).reshape(-1)
+    if flat.dtype.kind not in "iuf":
+        return False
+    known = flat[~np.isnan(flat)]
+    if len(known) < 2 or known[-1] <= known[0]:
+        return False
+    return bool((np.diff(known) >= 0.0).mean() > _MOSTLY)
 
 
 def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> RecordingError:
@@ -402,7 +433,7 @@ def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> Recordi
     clocks = [name for name in names if words(name) & _CLOCKS]
     plain = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
     likely = list(dict.fromkeys([*clocks, *plain]))[:_MOST_READ] if in_file else []
-    read = _readable(log, likely)
+    read = readable(log, likely)
     if first := _first_of_array(read):
         options = f"--time {shlex.quote(first)}"
         return RecordingError(

@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import consistent_id as ci
 from consistent_id.problems.robot_logs import robot_logs
 from consistent_id.problems.statement import Statement
-from consistent_id.recordings.column_names import mapping_option
+from consistent_id.recordings.own_names import mapping_option
 
 START = 1_700_000_000_000_000_000
 STATES = "sensor_msgs/msg/JointState"

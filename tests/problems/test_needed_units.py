@@ -10,8 +10,9 @@ from consistent_id import draft_problem
 from consistent_id.errors import RecordingError
 from consistent_id.problems.needed_units import joined_options
 from consistent_id.problems.nominal_gains import NominalGains
-from consistent_id.problems.robot_logs import robot_logs
+from consistent_id.problems.robot_logs import robot_logs, with_options
 from consistent_id.problems.statement import Statement
+from consistent_id.recordings.readers import Columns, read_recording, recording_from
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +55,28 @@ def test_each_option_has_all_its_values():
     )
 
 
-def test_days_of_a_spreadsheet_are_answered_with_their_unit(arm, tmp_path):
+@pytest.mark.parametrize(
+    ("seconds", "unit", "word"), [(86400.0, "day", "days"), (3600.0, "h", "hours")]
+)
+def test_a_clock_in_hours_or_days_is_answered_with_its_unit(
+    arm, tmp_path, seconds, unit, word
+):
     urdf, log = arm
-    path = _csv(tmp_path, log, time=log.time / 86400.0)
-    with pytest.raises(RecordingError, match="look like days: --units time=day"):
+    path = _csv(tmp_path, log, time=log.time / seconds)
+    said = f"they look like {word}: --units time={unit}"
+    with pytest.raises(RecordingError, match=said):
         robot_logs(urdf, path, Statement(names=_NAMES)).read(path)
+    columns = Columns("time", "{joint} pos")
+    with pytest.raises(RecordingError, match=said):
+        read_recording(path, ["a", "b"], columns)
+    table = {"time": log.time / seconds, "q_a": log.position[:, 0]}
+    with pytest.raises(RecordingError, match=said):
+        recording_from(table, ["a"])
+    assert len(recording_from(table, ["a"], Columns(units={"time": unit}))) == len(log)
+    stated = Columns(units={"time": "us"})
+    in_seconds = {**table, "time": log.time}
+    with pytest.raises(RecordingError, match=r"in us, as stated.* seconds: --units t"):
+        recording_from(in_seconds, ["a"], stated)
 
 
 _NAMES = {"a": "shoulder", "b": "elbow"}
@@ -79,6 +97,45 @@ def test_counts_of_encoders_are_proposed_with_their_zero(arm, tmp_path):
         "--names a=shoulder b=elbow --units position=rev/4096 "
         "--position-offset shoulder=-3.14159 elbow=-3.14159"
     )
+    with pytest.raises(RecordingError, match="of 4096 a turn if that is the next pow"):
+        robot_logs(urdf, path)
+
+
+def test_counts_of_joints_with_spaces_in_their_names_keep_their_zeros(arm, tmp_path):
+    urdf, log = arm
+    spaced = tmp_path / "arm.urdf"
+    spaced.write_text(urdf.read_text().replace('"shoulder"', '"shoulder joint"'))
+    counts = np.round(2048.0 + log.position / (2.0 * np.pi) * 4096.0)
+    path = _csv(tmp_path, replace(log, position=counts))
+    options = _options(spaced, path)
+    assert options.endswith(
+        "--position-offset 'shoulder joint=-3.14159' elbow=-3.14159"
+    )
+    read = with_options(spaced, path, Statement(), options).recording
+    np.testing.assert_allclose(read.position, log.position, atol=2e-3)
+
+
+def test_small_whole_numbers_are_no_degrees_for_sure(arm, tmp_path):
+    """Counts of a small motion travel as far as degrees would."""
+    urdf, log = arm
+    span = np.ptp(log.position)
+    counts = np.round(2048.0 + 300.0 * log.position / span)
+    options = _options(urdf, _csv(tmp_path, replace(log, position=counts)))
+    assert "--units position=rev/4096" in options
+    around_zero = np.round(300.0 * log.position / span)
+    path = _csv(tmp_path, replace(log, position=around_zero))
+    with pytest.raises(RecordingError) as caught:
+        robot_logs(urdf, path)
+    assert caught.value.options == "--names a=shoulder b=elbow"
+    assert "degrees without decimals (--units deg), or counts" in str(caught.value)
+
+
+def test_counts_with_signs_leave_those_of_a_turn_open(arm, tmp_path):
+    """The next power of two is no evidence of a turn that counts from its middle."""
+    urdf, log = arm
+    counts = np.round(log.position / (2.0 * np.pi) * 16384.0)
+    options = _options(urdf, _csv(tmp_path, replace(log, position=counts)))
+    assert options == "--names a=shoulder b=elbow --units position=rev/COUNTS"
 
 
 def test_counts_in_two_names_are_asked_for_at_once(arm, tmp_path):

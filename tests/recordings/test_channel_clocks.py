@@ -1,9 +1,13 @@
 """A log whose channels have clocks of their own is refused, if these differ."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from logged import write_arm
 
 from consistent_id.errors import RecordingError
+from consistent_id.problems.robot_logs import robot_logs
 from consistent_id.recordings.channel_clocks import own_clock, stem_of_clock
 from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.column_proposals import KnownColumns
@@ -67,3 +71,28 @@ def test_a_clock_has_a_part_of_its_channels_name():
     assert own_clock("q_{joint}", clocks) == "t_q"
     assert own_clock("qd_{joint}", clocks) is None
     assert own_clock("drive/torque", clocks) == "drive/time"
+
+
+def test_a_column_that_does_not_rise_is_no_clock_of_a_channel(tmp_path):
+    """Such as a temperature, ``tau_t``."""
+    path = tmp_path / "log.npz"
+    np.savez(path, time=TIME, q=Q, tau=Q, q_t=TIME, tau_t=np.full(50, 30.0))
+    assert guess_columns(path, KnownColumns(JOINTS)).columns.torque == "tau"
+
+
+def test_texts_are_no_clock_and_no_torque(tmp_path):
+    path = tmp_path / "log.npz"
+    np.savez(path, time=TIME, q=Q, tau=Q, q_t=TIME, tau_t=np.array(["warm"] * 50))
+    assert guess_columns(path, KnownColumns(JOINTS)).columns.torque == "tau"
+
+
+def test_a_table_in_memory_has_one_clock_as_a_file(tmp_path):
+    urdf, _ = write_arm(tmp_path)
+    table = {"time": TIME, "t_q": TIME, "t_tau": TIME + 0.3}
+    for k in (1, 2):
+        table |= {f"q{k}": Q[:, k - 1], f"tau{k}": Q[:, k - 1]}
+    memory = {Path("table"): table}
+    with pytest.raises(RecordingError, match="their times differ"):
+        robot_logs(urdf, Path("table"), tables=memory)
+    memory[Path("table")] = {**table, "t_tau": TIME}
+    robot_logs(urdf, Path("table"), tables=memory)

@@ -564,3 +564,8 @@ def test_the_torque_of_a_joint_goes_before_that_of_its_motor():
     assert found.columns.torque == "actual_joint_torque[{joint}]"
     found = guess_columns(Path("log.csv"), KnownColumns(("a", "b"), names=names[:5]))
     assert found.columns.torque == "actual_motor_torque[{joint}]"
+
+
+def test_a_tools_pose_is_no_channel_of_joints():
+    names = ["actual_TCP_pose_{number}", "tcp.position", "ee_pos", "tip.torque"]
+    assert [channel_of(name) for name in names] == [""] * 4

@@ -252,6 +252,25 @@ def test_names_above_nested_lists_are_those_of_their_items(tmp_path, beside):
     np.testing.assert_array_equal(log.torque[:, 0], np.full(120, 3))
 
 
+@pytest.mark.parametrize("nested", [False, True])
+def test_names_are_of_no_other_lists_of_equal_length(tmp_path, nested):
+    """A pose of a tool has six numbers, as an arm of six joints has positions."""
+    records = []
+    for k in range(120):
+        lists = {"joint_position": [k, -k], "joint_effort": [2 * k, 3]}
+        tool = {"position": [9, 9], "effort": [9, 9]}
+        body = {"arm": lists} if nested else lists
+        of_tools = {"tcp": tool, "box": tool}
+        names = {"joint_names": ["elbow", "shoulder"]}
+        records.append({"time": k / 10, **names, **of_tools, **body})
+    file = tmp_path / "log.json"
+    file.write_text(json.dumps(records))
+    guess = guess_columns(file, KnownColumns(("shoulder", "elbow")))
+    log = read_recording(file, ("shoulder", "elbow"), guess.columns)
+    np.testing.assert_array_equal(log.position[:, 1], np.arange(120))
+    np.testing.assert_array_equal(log.torque[:, 0], np.full(120, 3))
+
+
 def test_an_object_for_each_joint_is_one_of_their_columns(tmp_path):
     file = tmp_path / "log.jsonl"
     rows = [{"t": k, "m": [{"q": k, "tau": 1}, {"q": -k, "tau": 2}]} for k in range(9)]

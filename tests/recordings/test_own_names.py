@@ -9,8 +9,8 @@ import pytest
 import consistent_id as ci
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import guess_columns
-from consistent_id.recordings.column_names import mapping_option, own_names, pairs_of
 from consistent_id.recordings.column_proposals import KnownColumns
+from consistent_id.recordings.own_names import mapping_option, own_names, pairs_of
 from consistent_id.recordings.readers.columns import Columns, wanted
 
 ARM = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint")
@@ -208,14 +208,68 @@ def test_columns_that_pandas_numbers_are_one_for_each_joint(tmp_path):
     assert "--" not in caught.value.options
 
 
-def test_a_unit_says_the_channel_of_a_name_without_a_known_word():
+def in_pandas(names, joints=ARM):
+    return guess_columns(Path("log.csv"), KnownColumns(joints, names=names))
+
+
+def test_columns_twice_in_a_table_do_not_hide_those_of_all_joints():
+    names = ["t", *(f"{c}{k}" for c in ("q", "tau") for k in (1, 2, 3))]
+    for more in (["tau1.1"], [f"{name}.1" for name in names]):
+        guess = in_pandas([*names, *more])
+        assert guess.columns.position == "q{number}"
+        assert guess.columns.torque == "tau{number}"
+    assert "torque is read from tau{number}, not from tau{number}.1" in guess.notes
+    both = ["t", "q1", "q2", "q1.1", "q2.1", "tau1", "tau2"]  # as many as joints
+    assert in_pandas(both, ARM[:2]).columns.position == "q{number}"
+
+
+def test_numbers_after_a_point_are_the_logs_own_if_the_first_has_one():
+    numbers = (1, 2, 3)
+    names = ["t", "tau", *(f"{c}.{k}" for c in ("q", "tau") for k in numbers)]
+    assert in_pandas(names).columns.torque == "tau.{number}"
+    from_zero = ["t", "q.0", "q.1", "tau", "tau.1"]
+    guess = in_pandas(from_zero, ARM[:2])
+    assert guess.columns.torque == "{tau,tau.1}"
+
+
+OF_UNIT = {
+    "position": ["temp{}_deg", "{}_backlash_deg"],
+    "velocity": ["motor{}_rpm", "{}_fan_rpm", "{} gyro [deg/s]", "M{}_rpm"],
+    "torque": ["J{}_max_Nm", "load_cell{}_Nm", "{} brake [Nm]", "{} load [Nm]"],
+}
+
+
+@pytest.mark.parametrize(
+    ("channel", "text"), [(c, text) for c, texts in OF_UNIT.items() for text in texts]
+)
+def test_a_unit_says_no_channel_of_a_name_with_other_words(channel, text):
+    plain = {"position": "q{}", "velocity": "dq{}", "torque": "tau{}"}
     names = ["t"]
-    for unit in ("angle [deg]", "rate [deg/s]", "load [Nm]", "load [A]", "push [N]"):
-        names += [f"{joint} {unit}" for joint in ARM]
-    columns = guess_columns(Path("log.csv"), KnownColumns(ARM, names=names)).columns
-    assert columns.velocity == "{joint} rate [deg/s]"
-    assert columns.torque == "{joint} load [Nm]"
-    assert columns.units["velocity"] == "deg/s"
+    for each, usual in plain.items():
+        said = text if each == channel else usual
+        names += [
+            said.format(joint if said[0] == "{" else k)
+            for k, joint in enumerate(ARM, 1)
+        ]
+    if channel == "velocity":
+        assert in_pandas(names).columns.velocity is None
+        return
+    with pytest.raises(RecordingError, match="found no column") as caught:
+        in_pandas(names)
+    if "max" not in text:
+        assert f"--{channel}" in caught.value.options
+
+
+def test_columns_in_a_unit_of_velocity_that_are_not_read_are_named():
+    names = ["t", *(f"{c}{k}" for c in ("q", "tau") for k in (1, 2, 3))]
+    guess = in_pandas([*names, *(f"spin{k} [deg/s]" for k in (1, 2, 3))])
+    assert "--velocity 'spin{number} [deg/s]'" in guess.notes[0]
+
+
+def test_currents_beside_torques_of_another_thing_need_gains():
+    names = ["t", *(f"q{k}" for k in (1, 2, 3)), *(f"brake{k}_Nm" for k in (1, 2, 3))]
+    with pytest.raises(RecordingError, match="are motor currents"):
+        in_pandas([*names, *(f"iq{k}" for k in (1, 2, 3))])
 
 
 @pytest.mark.parametrize("mark", ["_{}", " [{}]"])
@@ -229,6 +283,8 @@ def test_units_alone_say_the_channels_of_own_names(mark):
     columns = guess_columns(Path("log.csv"), known).columns
     each = [f"{{joint}}{mark.format(unit)}" for unit in units]
     assert [columns.position, columns.velocity, columns.torque] == each
+    notes = guess_columns(Path("log.csv"), known).notes
+    assert f"{each[2]} is taken as the torque: no other column is" in notes
     assert columns.units["velocity"] == "deg/s"
 
 

@@ -258,3 +258,13 @@ def test_missing_items_of_lists_and_comments_above(tmp_path):
     arrays = read_arrays(file, ["q[0]", "q[1]"], missing="omit")
     np.testing.assert_array_equal(arrays["q[0]"], [np.nan, 3.0])
     np.testing.assert_array_equal(arrays["q[1]"], [2.0, np.nan])
+
+
+def test_names_of_yaml_are_of_the_lists_beside_them_first():
+    said = "name: [b, a]\nposition: [1, 2]\ntcp:\n  position: [3, 4]\n"
+    assert fields_of(said) == {
+        "position.b": "1",
+        "position.a": "2",
+        "tcp.position[0]": "3",
+        "tcp.position[1]": "4",
+    }

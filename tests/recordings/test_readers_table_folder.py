@@ -132,3 +132,14 @@ def test_runs_in_a_folder_are_answered_with_the_command_for_each(tmp_path):
         robot_logs(urdf, tmp_path / "runs")
     assert caught.value.options.split() == names
     assert caught.value.replaces == (str(tmp_path / "runs"),)
+
+
+def test_a_table_without_rows_is_named(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    from pyarrow import table
+
+    for name, rows in (("one", 5), ("two", 0)):
+        columns = {"time": np.arange(float(rows)), "q1": np.zeros(rows)}
+        parquet.write_table(table(columns), tmp_path / f"{name}.parquet")
+    with pytest.raises(RecordingError, match=r"two\.parquet: no rows"):
+        table_folder.array_names(tmp_path)

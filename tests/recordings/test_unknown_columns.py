@@ -9,7 +9,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.column_words import is_bare
-from consistent_id.recordings.readers import read_recording
+from consistent_id.recordings.readers import csv, read_recording
 from consistent_id.recordings.unknown_columns import joints_of_wide
 
 JOINTS = ("pan", "lift")
@@ -150,3 +150,107 @@ def test_a_numbered_column_too_many_is_not_left_out_in_silence(tmp_path, first, 
     channels = (("position", "q"), ("velocity", "dq"), ("torque", "tau"))
     assert options == " ".join(f"--{c} '{word}{ends}'" for c, word in channels)
     assert_is_read(read_with(path, options))
+
+
+@pytest.mark.parametrize(
+    ("q", "tau", "options"),
+    [
+        ((1, 2), (0, 3), "--torque 'tau{1..2}'"),
+        ((0, 3), (1, 2), "--position 'q{1..2}'"),
+        ((1, 2), (5, 8), ""),
+    ],
+)
+def test_a_channel_with_a_column_for_each_joint_says_the_numbers(
+    tmp_path, q, tau, options
+):
+    """The torque was proposed as the position."""
+    names = [f"q{k}" for k in range(q[0], q[1] + 1)]
+    names += [f"tau{k}" for k in range(tau[0], tau[1] + 1)]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([TIME, *(np.sin(k + TIME) for k in range(len(names)))])
+    np.savetxt(path, table, "%.9g", ",", header=",".join(["t", *names]), comments="")
+    assert options_of(path) == options
+    if options:
+        log = read_with(path, options)
+        first = [1 + names.index(name) for name in ("q1", "tau1")]
+        np.testing.assert_allclose(log.position[:, 0], table[:, first[0]], atol=1e-8)
+        np.testing.assert_allclose(log.torque[:, 0], table[:, first[1]], atol=1e-8)
+
+
+def test_proposed_numbers_with_zeros_before_them_are_read(tmp_path):
+    names = [f"{w}_{k:02d}" for w in ("q", "tau") for k in range(3)]
+    rest = np.zeros(len(TIME))
+    path = tmp_path / "log.csv"
+    table = np.column_stack([TIME, Q, rest, TAU, rest])
+    np.savetxt(path, table, "%.17g", ",", header=",".join(["t", *names]), comments="")
+    options = options_of(path)
+    assert options == "--position 'q_{00..01}' --torque 'tau_{00..01}'"
+    assert_is_read(read_with(path, options))
+
+
+GRIPPER = 0.1 * np.sin(5 * TIME)[:, None]
+REST = np.zeros((len(TIME), 1))
+
+
+@pytest.mark.parametrize("lying", [False, True])
+@pytest.mark.parametrize(
+    ("q", "dq", "first"),
+    [
+        ([Q, REST], [DQ], 0),  # the gripper rests
+        ([REST, Q], [DQ], 1),
+        ([Q, GRIPPER], [DQ], 0),  # it moves: its velocity is not in the log
+        ([GRIPPER, Q], [DQ], 1),
+    ],
+)
+def test_wide_positions_are_aligned_by_their_motion(tmp_path, q, dq, first, lying):
+    path = tmp_path / "log.npz"
+    arrays = {"q": np.hstack(q), "dq": np.hstack(dq), "tau": TAU}
+    turned = {n: v.T if lying else v for n, v in arrays.items()}
+    np.savez(path, time=TIME, **turned)
+    options = options_of(path)
+    assert options.startswith(f"--position 'q[{first}:{first + 2}]'")
+    assert_is_read(read_with(path, options))
+
+
+def test_columns_of_wide_arrays_that_nothing_aligns_are_left_to_the_user(tmp_path):
+    path = tmp_path / "log.npz"
+    np.savez(path, time=TIME, q=np.hstack([Q, Q]), tau=TAU)
+    with pytest.raises(RecordingError) as caught:
+        guess_columns(path, KnownColumns(JOINTS))
+    assert caught.value.options == ""
+    assert "first of them: --position 'q[0:2]'" in str(caught.value)
+    assert "last: --position 'q[2:4]'" in str(caught.value)
+
+
+def test_one_matrix_with_samples_in_columns_is_found(tmp_path):
+    path = tmp_path / "log.npz"
+    np.savez(path, log=np.column_stack([TIME, Q, DQ, TAU]).T)
+    clock = options_of(path)
+    assert clock == "--time 'log[0:1]'"
+    options = options_of(path, channels={"time": "log[0:1]"})
+    assert_is_read(read_with(path, f"{clock} {options}"))
+    with_rate = options_of(path, channels={"time": "100Hz"})  # its clock is no joint
+    assert with_rate == options
+
+
+def test_a_table_is_read_once_for_a_message(tmp_path, monkeypatch):
+    """Columns of each run were read from the whole file, for each number of joints."""
+    header = ["t", *(f"{word}{k}" for word in "xyz" for k in (1, 2))]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([TIME, Q, DQ, TAU])
+    np.savetxt(path, table, "%.9g", ",", header=",".join(header), comments="")
+    times, read_arrays = [], csv.read_arrays
+
+    def counted(*args, **more):
+        times.append(args)
+        return read_arrays(*args, **more)
+
+    monkeypatch.setattr(csv, "read_arrays", counted)
+    assert options_of(path).startswith("--position 'x{number}'")
+    assert len(times) == 1
+
+
+def test_a_log_with_a_clock_alone_is_answered(tmp_path):
+    path = tmp_path / "log.npz"
+    np.savez(path, time=TIME)
+    assert options_of(path, channels={"time": "100Hz"}) == ""

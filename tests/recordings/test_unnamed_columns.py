@@ -217,3 +217,29 @@ def test_a_column_that_counts_by_one_is_no_clock_unless_its_name_says_so(
     with pytest.raises(RecordingError) as caught:
         guess_columns(log, KnownColumns(JOINTS))
     assert caught.value.options == options
+
+
+@pytest.mark.parametrize(
+    ("others", "clock"),
+    [
+        (["timestamp"], "timestamp"),  # a minimum and an enthalpy beside it
+        (["time_ms"], "time_ms"),
+        (["StampSec", "StampNanoSec"], "StampSec + StampNanoSec"),
+        ([], "time_h"),
+    ],
+)
+def test_minutes_and_hours_are_of_a_clock_if_no_other_is_there(tmp_path, others, clock):
+    t, q, _, torque = motion()
+    names = ["t_min", *others, "time_h", "q1", "q2", "tau1", "tau2"]
+    columns = [0 * t - 1.0, *[t] * len(others), t / 3600.0, q, torque]
+    path = tmp_path / "log.csv"
+    header = ",".join(names)
+    np.savetxt(path, np.column_stack(columns), "%.12g", ",", header=header, comments="")
+    assert guess_columns(path, KnownColumns(JOINTS)).columns.time == clock
+
+
+def test_the_clock_is_the_shortest_name_whose_numbers_rise(tmp_path):
+    t, q, _, torque = motion()
+    table = np.column_stack([0 * t + 7.0, t, q, torque])
+    path = written(tmp_path, table, header="t,time,q1,q2,tau1,tau2", comments="")
+    assert guess_columns(path, KnownColumns(JOINTS)).columns.time == "time"

@@ -29,9 +29,9 @@ class Columns:
 
     ``{joint}`` stands for a joint's name in the log, ``{number}`` for its number among
     the requested joints, counted from 1, and ``{index}`` for it from 0.  ``{8..13}``
-    stands for these numbers, one for each joint in their order, ``{base,wrist}`` for
-    these words, and ``{unit}`` for a joint's unit, if `units` states one for each
-    joint.  None: the log has no such channel.
+    stands for these numbers, one for each joint in their order, ``{01..06}`` for those
+    of two digits, ``{base,wrist}`` for these words, and ``{unit}`` for a joint's unit,
+    if `units` states one for each joint.  None: the log has no such channel.
 
     Parameters
     ----------
@@ -269,7 +269,9 @@ def _expanded(
                 f"column pattern {pattern!r} has {max(last - first + 1, 0)} numbers, "
                 f"expected one for each of the {len(joints)} joints"
             )
-        singles = (_RANGE.sub(str(k), pattern, count=1) for k in range(first, last + 1))
+        digits = len(numbers["first"])  # with zeros before them, as in {01..06}
+        spelt = (f"{k:0{digits}d}" for k in range(first, last + 1))
+        singles = (_RANGE.sub(number, pattern, count=1) for number in spelt)
         return tuple(
             _expanded(single, [joint])[0]
             for single, joint in zip(singles, joints, strict=True)

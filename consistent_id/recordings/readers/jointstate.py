@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_names import mapping_advice, mapping_option
+from consistent_id.recordings.own_names import mapping_advice, mapping_option
 from consistent_id.recordings.readers.columns import CHANNELS, Columns, at_least_one
 from consistent_id.recordings.readers.named_arrays import Conversion, LogName
 from consistent_id.recordings.readers.topics import (

@@ -20,8 +20,8 @@ from consistent_id.recordings.readers.long_tables import LongOrder, side_by_side
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.text_numbers import number
 from consistent_id.recordings.readers.units import is_time
+from consistent_id.recordings.readers.yaml_messages import are_names, names_of
 
-_NAMES = ("name", "names", "joint_names")
 _LINES = (".jsonl", ".ndjson")
 _MOST_JOINTS = 100  # objects of a list that are joints; more are records
 
@@ -78,7 +78,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     if isinstance(content, Mapping):
         lists = dict(_leaves(content))
         if any(isinstance(values, list) for values in lists.values()):
-            texts = {n: np.array(v) for n, v in lists.items() if _are_names(v)}
+            texts = {n: np.array(v) for n, v in lists.items() if are_names(v)}
             return texts | _numbers(lists)
         content = [content]
     content = content if isinstance(content, list) else []
@@ -126,11 +126,10 @@ def _leaves(
     value: Mapping[str, Any], before: str = "", above: Sequence[str] = ()
 ) -> Iterator[tuple[str, Any]]:
     """Yield paths and values; lists have the names beside them, or above."""
-    beside = (value[k] for k in _NAMES if _are_names(value.get(k)))
-    names: Sequence[str] = next(beside, above)
+    names, below = names_of(value, above)
     for key, inner in value.items():
         if isinstance(inner, Mapping):
-            yield from _leaves(inner, f"{before}{key}.", names)
+            yield from _leaves(inner, f"{before}{key}.", below)
         elif isinstance(inner, list) and inner and inner is not names:
             yield from _items(f"{before}{key}", inner, names)
         else:
@@ -142,7 +141,7 @@ def _items(
 ) -> Iterator[tuple[str, Any]]:
     """Yield a list as a whole, or its items by their names."""
     own = [item.get("name") for item in items if isinstance(item, Mapping)]
-    if len(own) == len(items) and _are_names(own):
+    if len(own) == len(items) and are_names(own):
         for name, item in zip(own, items, strict=True):
             yield from _leaves({**item, "name": None}, f"{key}.{name}.")
     elif (
@@ -154,13 +153,6 @@ def _items(
         yield from ((f"{key}.{n}", i) for n, i in zip(names, items, strict=True))
     else:
         yield key, items
-
-
-def _are_names(value: object) -> bool:
-    """Return whether a value is a list of distinct names."""
-    if not isinstance(value, list) or not value:
-        return False
-    return all(isinstance(v, str) for v in value) and len(set(value)) == len(value)
 
 
 def _numbers(lists: Mapping[str, Any]) -> dict[str, np.ndarray]:

@@ -42,7 +42,12 @@ from consistent_id.recordings.readers.used_rows import (
     of_one_clock,
     omit_advice,
 )
-from consistent_id.recordings.recording import Recording, SampleError
+from consistent_id.recordings.recording import (
+    LEAST_STEP,
+    Recording,
+    SampleError,
+    unit_option,
+)
 
 _log = logging.getLogger(__name__)
 
@@ -115,6 +120,41 @@ class Conversion(NamedTuple):
         return Recording(joints, time, name=name, **cast(dict[str, Any], channels))
 
 
+def _require_seconds(log: Recording, time: Vector, unit: str) -> None:
+    """Refuse a clock in hours or days, whose steps no filter could resolve.
+
+    Parameters
+    ----------
+    time : ndarray, shape (samples,)
+        As written.
+    unit : str
+        The stated one; empty for seconds.
+    """
+    step = float(np.median(np.diff(log.time)))
+    if step >= LEAST_STEP:
+        return
+    option = unit_option(time) or "--units time=s"
+    unit_word = _CLOCK_UNITS[option.rpartition("=")[2]]
+    said = f"with times in {unit}, as stated, " if unit else ""
+    raise RecordingError(
+        f"{log.name}: {said}samples are {step:.3g} s apart, more than any robot logs; "
+        f"they look like {unit_word}: {option} (or another of s, min, h and day)",
+        options=option,
+    )
+
+
+_CLOCK_UNITS = {
+    "s": "seconds",
+    "ms": "milliseconds",
+    "us": "microseconds",
+    "ns": "nanoseconds",
+    "100ns": "steps of 100 ns",
+    "min": "minutes",
+    "h": "hours",
+    "day": "days",
+}
+
+
 def recording_of(
     arrays: Arrays,
     want: WantedChannels,
@@ -167,6 +207,8 @@ def recording_of(
     try:
         in_si = Conversion(want.units, torque_gain, want.without_torque)
         recording = in_si.recording(want.joints, time[keep], channels, log.name)
+        if rate_of(want.time) is None:
+            _require_seconds(recording, time[keep], str(want.units.get("time", "")))
         if want.beside:
             recording = with_beside(recording, beside, want.beside, where)
     except SampleError as cause:
@@ -308,9 +350,14 @@ def read_parts(
         if values.ndim > 2:  # such as 6 x 1 x samples, of Simulink
             arrays[name] = values.squeeze()
     for name in {stored_name(part) for part in names if _PART.fullmatch(part)}:
-        if (whole := arrays[name]).ndim == 2 and whole.shape[1] > _LYING * len(whole):
-            arrays[name] = whole.T  # samples in columns, as Drake's logs have them
+        arrays[name] = upright(arrays[name])
     return parts_of(arrays, names, path)
+
+
+def upright(values: NDArray[Any]) -> NDArray[Any]:
+    """Return an array with samples in rows; Drake's logs have them in columns."""
+    lies = values.ndim == 2 and values.shape[1] > _LYING * len(values)
+    return values.T if lies else values
 
 
 def stored_names(names: Sequence[str]) -> list[str]:

@@ -25,7 +25,7 @@ from consistent_id.recordings.log_formats import log_format, tables_in
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.named_arrays import Arrays
-from consistent_id.recordings.readers.units import is_time
+from consistent_id.recordings.readers.units import named_clocks
 
 _RATES = 20.0  # most ratio of the rates of two tables of one recording
 _COMMON = 0.8  # share of the longer clock that two tables of one recording cover
@@ -174,8 +174,10 @@ def _pieces(path: Path) -> list[_Piece]:
         elif not lacks_names(part.names) or len(part.names) != len(head.names):
             return []
         piece = _Piece(part.file, columns, part.time)
-        time = np.asarray(piece.read([head.clock])[head.clock])
-        found.append(replace(piece, time=time))
+        if columns[head.clock] != part.clock:
+            time = np.asarray(piece.read([head.clock])[head.clock])
+            piece = replace(piece, time=time)
+        found.append(piece)
     found.sort(key=lambda piece: float(piece.time[0]))
     follow = all(one.time[-1] < after.time[0] for one, after in pairwise(found))
     return found if follow else []
@@ -190,7 +192,7 @@ def _part(file: Path) -> _TablePart | None:
     try:
         reader = log_format(file).reader(file)
         names = tuple(reader.array_names(file))
-        clock = next((name for name in names if is_time(name)), None)
+        clock = next(iter(named_clocks(names)), None)
         if not names:
             return None
         column = clock or names[0]
@@ -199,6 +201,8 @@ def _part(file: Path) -> _TablePart | None:
         if clock is not None:
             raise
         return None
+    if not values.size:
+        raise RecordingError(f"{file}: no rows; move it out of the folder")
     return _TablePart(file, names, clock, values)
 
 

@@ -368,6 +368,7 @@ def is_other_unit(text: str) -> bool:
     return _UNIT.fullmatch(text.strip()) is not None
 
 
+_SLOW = ("min", "h", "day")
 _UNIT_OF_TIME = re.compile(
     r"[\s_]*[\[(]?\b(ms|us|ns|s|sec|seconds|min|minutes|h|hours|days?)[\])]?$"
 )
@@ -384,6 +385,22 @@ def is_time(name: str) -> bool:
     last = name.strip().lower().replace("/", ".").rpartition(".")[2].lstrip("_")
     bare = _UNIT_OF_TIME.sub("", last.replace("_", " ")).replace(" ", "_")
     return last in _CLOCKS or bare in _CLOCKS
+
+
+def named_clocks(names: Collection[str]) -> list[str]:
+    """Return the names of clocks in one column.
+
+    Those in minutes, hours or days may be of another thing, such as a minimum: they
+    count only if there is no other, in one column or in two.
+
+    Examples
+    --------
+    >>> named_clocks(["t_min", "timestamp", "q1"]), named_clocks(["t_min", "q1"])
+    (['timestamp'], ['t_min'])
+    """
+    found = [name for name in names if is_time(name)]
+    usual = [name for name in found if unit_of_a_name("time", name) not in _SLOW]
+    return usual or ([] if split_clock(names) else found)
 
 
 def clock_columns(name: str) -> tuple[str, ...]:

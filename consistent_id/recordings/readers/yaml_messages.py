@@ -6,7 +6,7 @@ texts of several lines.
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 _KEY = re.compile(r"(?P<key>[\w./-]+):(?:\s+(?P<value>.*)|$)")
 _NAMES = ("name", "names", "joint_names")  # of the joints of lists beside or below
@@ -89,10 +89,11 @@ def _numbers(
 ) -> Iterator[tuple[str, str]]:
     """Yield the paths of numbers, and their text."""
     if isinstance(value, Mapping):
-        own = [value[key] for key in _NAMES if _are_names(value.get(key))]
+        names, below = names_of(value, names)
         for key, inner in value.items():
             path = f"{before}.{key}" if before else key
-            yield from _numbers(inner, path, own[0] if own else names)
+            is_list = isinstance(inner, list)
+            yield from _numbers(inner, path, names if is_list else below)
     elif isinstance(value, list):
         named = len(names) == len(value)
         for k, inner in enumerate(value):
@@ -102,10 +103,32 @@ def _numbers(
         yield before, value
 
 
-def _are_names(value: object) -> bool:
-    if not isinstance(value, list) or not value:
+def names_of(
+    value: Mapping[str, Any], above: Sequence[str] = ()
+) -> tuple[Sequence[str], Sequence[str]]:
+    """Return the names of the lists beside them, and of those in mappings below.
+
+    Lists of as many items beside the names are what they name, and others below are of
+    another thing, such as the pose of a tool.
+
+    Examples
+    --------
+    >>> names_of({"names": ["b", "a"], "feedback": {"positions": [0.1, 0.2]}})
+    (['b', 'a'], ['b', 'a'])
+    >>> names_of({"names": ["b", "a"], "q": [1, 2], "tip": {"position": [0.1, 0.2]}})
+    (['b', 'a'], ())
+    """
+    names = next((value[k] for k in _NAMES if are_names(value.get(k))), above)
+    lists = (v for v in value.values() if isinstance(v, list) and v is not names)
+    named = any(len(v) == len(names) > 0 for v in lists)
+    return names, () if named else names
+
+
+def are_names(value: object) -> bool:
+    """Return whether a value is a list of distinct texts."""
+    if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
         return False
-    return all(isinstance(one, str) and not is_float(one) for one in value)
+    return 0 < len(set(value)) == len(value)
 
 
 def is_float(text: str) -> bool:
