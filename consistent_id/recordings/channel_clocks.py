@@ -6,11 +6,12 @@ even if they are as many.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from consistent_id._support.arrays import Vector
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.columns import Columns
@@ -54,27 +55,64 @@ def own_clock(column: str, clocks: Sequence[str]) -> str | None:
 def require_one_clock(log: Path, names: Sequence[str], found: Columns) -> None:
     """Refuse a log whose torques or velocities have another clock than its positions.
 
+    Two clocks are compared only where one of them is the time of the recording.
+
     Raises
     ------
     RecordingError
         With a form of the log that is read.
     """
     clocks = [name for name in names if stem_of_clock(name)]
-    if len(clocks) < 2 or found.position is None:
+    position, time = found.position, found.time
+    if len(clocks) < 2 or position is None:
         return
-    first = own_clock(found.position, clocks)
+    first = own_clock(position, clocks)
     for channel in ("velocity", "torque"):
         column = getattr(found, channel)
         other = None if column is None else own_clock(column, clocks)
-        if first is None or other in (None, first):
+        if first is None or other in (None, first) or time not in (first, other):
             continue
-        lenient = {"missing": "omit"} if log_format(log).is_text else {}
-        read = reader_of(log).read_arrays(log, [first, other], **lenient)
-        one, two = (np.asarray(read[name]).reshape(-1) for name in (first, other))
-        if not np.array_equal(one, two):
+        rows = {
+            clock: next((n for n in names if own_clock(n, clocks) == clock != n), clock)
+            for clock in (first, other)
+        }
+        if _differ(log, rows):
             raise RecordingError(
                 f"{log}: the position has the clock {first}, the {channel} {other}, "
                 "and their times differ. A table has one clock: write each of these "
                 "channels with its clock into a table of its own, and give their "
-                "folder, which is read as one recording on the slower clock"
+                "folder, which is read as one recording on the slower clock. If all "
+                f"rows are of {time} nevertheless, state the columns, too: --time "
+                f"{time} --position {position} --{channel} {column}"
             )
+
+
+def _differ(log: Path, arrays: Mapping[str, str]) -> bool:
+    """Return whether two columns are clocks with other times.
+
+    Parameters
+    ----------
+    arrays : mapping of str to str
+        An array that has a row for each value of a clock.
+    """
+    lenient = {"missing": "omit"} if log_format(log).is_text else {}
+    names = list(dict.fromkeys([*arrays, *arrays.values()]))
+    try:
+        read = reader_of(log).read_arrays(log, names, **lenient)
+    except RecordingError:  # texts, or faults that are found when the log is read
+        return False
+    clocks = [np.asarray(read[name]).reshape(-1) for name in arrays]
+    shapes = [np.shape(read[name]) for name in arrays.values()]
+    for clock, shape in zip(clocks, shapes, strict=True):
+        if clock.dtype.kind not in "iuf" or len(clock) not in shape:
+            return False
+    if len(clocks[0]) != len(clocks[1]):
+        return all(map(_rises, clocks))
+    both = np.isfinite(clocks[0]) & np.isfinite(clocks[1])
+    one, two = (clock[both] for clock in clocks)
+    return _rises(one) and _rises(two) and not np.array_equal(one, two)
+
+
+def _rises(clock: Vector) -> bool:
+    steps = np.diff(clock)
+    return bool((steps >= 0.0).all() and (steps > 0.0).any())
