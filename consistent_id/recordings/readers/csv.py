@@ -9,16 +9,19 @@ and the column of each fault.
 
 import csv
 import io
+import re
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 from math import nan
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix
+from consistent_id._support.arrays import Array, Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.header_lines import (
@@ -46,8 +49,10 @@ from consistent_id.recordings.readers.text_files import (
 )
 from consistent_id.recordings.readers.text_numbers import (
     DateOrder,
+    columns_of_flags,
     date_order,
     decimal_mark,
+    flag,
     is_number,
     number,
 )
@@ -65,6 +70,7 @@ _WITHOUT_NAMES = "column"
 _SI = {*SI_WORDS, "", "-", "1"}
 _OF_SI = ": values are read in s, rad, m, N m and N"
 _NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
+_FLAG = re.compile(r"\b(?:true|false)\b", re.IGNORECASE)
 _NOTHING = {"", "NA", "N/A", "NULL", "null", "None"}  # fields of missing values
 
 
@@ -101,6 +107,30 @@ class _CsvHeader:
     rewritten: bool = False
 
 
+class _Values(NamedTuple):
+    """Columns of a table.
+
+    Parameters
+    ----------
+    numbers : ndarray, shape (rows, columns)
+    flags : sequence of int
+        Places of the columns that are flags, 1 and 0.
+    """
+
+    numbers: Matrix
+    flags: Sequence[int] = ()
+
+    def arrays(self, names: Sequence[str], first: int = 0) -> Arrays:
+        """Return the columns from a row on; flags are boolean if none is missing."""
+        columns: dict[str, Array] = dict(
+            zip(names, self.numbers[first:].T, strict=True)
+        )
+        for name in (names[place] for place in self.flags):
+            if not np.isnan(columns[name]).any():
+                columns[name] = columns[name].astype(np.bool_)
+        return columns
+
+
 def read_arrays(
     path: Path,
     names: Sequence[str],
@@ -133,7 +163,7 @@ def read_arrays(
             header = replace(header, day_first=date_order(text).day_first)
         rows = UsedRows(omit, missing=missing)
         values = _values(path, text[header.end :], header, names, rows)
-    return dict(zip(names, values.T, strict=True))
+    return values.arrays(names)
 
 
 def read_batches(
@@ -161,9 +191,9 @@ def read_batches(
                 rows = 0
             elif rows > first or _has_other_lines(text):
                 values = _values(path, text, header, names, UsedRows(omit))
-                rows = len(values)
+                rows = len(values.numbers)
                 if first < rows:
-                    yield dict(zip(names, values[first:].T, strict=True))
+                    yield values.arrays(names, first)
             first = max(first - rows, 0)
             header = replace(header, line=header.line + lines, rows=header.rows + rows)
 
@@ -369,8 +399,8 @@ def _values(
     header: _CsvHeader,
     names: Sequence[str],
     used: UsedRows,
-) -> Matrix:
-    """Return the named columns of the rows below a header, shape (rows, names)."""
+) -> _Values:
+    """Return the named columns of the rows below a header."""
     lines = body.rstrip().count("\n") + 1
     if header.repeated and body.count(header.repeated) < lines:
         raise RecordingError(
@@ -385,7 +415,7 @@ def _values(
     values = _fast(body, header, places, used.missing)
     if values is None:
         return _exact(path, body, header, places, used)
-    return values
+    return _Values(values)
 
 
 def _fast(
@@ -434,15 +464,20 @@ def _exact(
     header: _CsvHeader,
     places: Sequence[int],
     used: UsedRows,
-) -> Matrix:
+) -> _Values:
     """Return the columns as the csv module reads them, NaN in rows to omit."""
-    reader = csv.reader(
-        io.StringIO(body, newline=""),
-        delimiter=header.separator,
-        skipinitialspace=True,
-    )
+    read = partial(csv.reader, delimiter=header.separator, skipinitialspace=True)
+    reader = read(io.StringIO(body, newline=""))
     mark = "." if header.separator == "," else None
     lenient, day_first = used.missing == "omit", header.day_first
+    flags = list[int]()
+    if _FLAG.search(body) is not None:
+        below = filter(None, read(io.StringIO(body, newline="")))
+        flags = columns_of_flags(
+            [fields[place] for place in places]
+            for row, fields in enumerate(below, header.rows + 1)
+            if row not in used.omit and len(fields) == len(header.names)
+        )
     rows: list[list[float | None]] = []
     first, broken, lacking = "", list[int](), True
     for fields in filter(None, reader):
@@ -455,8 +490,10 @@ def _exact(
             cells = [fields[k] for k in places]
             mark = mark or decimal_mark(cells)
             row = [
-                nan if lenient and cell in _NOTHING else number(cell, mark, day_first)
-                for cell in cells
+                nan
+                if lenient and cell in _NOTHING
+                else (flag(cell) if k in flags else number(cell, mark, day_first))
+                for k, cell in enumerate(cells)
             ]
             if None in row:
                 column = header.names[places[row.index(None)]]
@@ -470,15 +507,22 @@ def _exact(
             broken.append(place)
         rows.append(row)
     if broken:
-        advice = omit_advice(broken, len(rows))
-        options = OMIT_MISSING * lacking
-        if advice and not lacking and (1 not in broken or first.endswith(_OF_SI)):
-            options = f"--omit {','.join(map(str, broken))}"
-        said = f"{first}{advice}{MISSING_ADVICE * lacking}"
-        raise RecordingError(said, options=options)
+        raise _faulty(first, broken, len(rows), lacking)
     if not rows:
         raise RecordingError(f"{path}: no row below the header")
-    return np.array(rows, dtype=np.float64)
+    return _Values(np.array(rows, dtype=np.float64), flags)
+
+
+def _faulty(
+    first: str, broken: Sequence[int], rows: int, lacking: bool
+) -> RecordingError:
+    """Return the error of the first faulty row, with the way to leave all out."""
+    advice = omit_advice(broken, rows)
+    options = OMIT_MISSING * lacking
+    if advice and not lacking and (1 not in broken or first.endswith(_OF_SI)):
+        options = f"--omit {','.join(map(str, broken))}"
+    said = f"{first}{advice}{MISSING_ADVICE * lacking}"
+    return RecordingError(said, options=options)
 
 
 def _miscounted(fields: Sequence[str], header: _CsvHeader) -> str:
