@@ -59,6 +59,7 @@ from consistent_id.recordings.readers.text_numbers import (
 from consistent_id.recordings.readers.used_rows import (
     MISSING_ADVICE,
     OMIT_MISSING,
+    EmptyTableError,
     Missing,
     UsedRows,
     omit_advice,
@@ -509,7 +510,7 @@ def _exact(
     if broken:
         raise _faulty(first, broken, len(rows), lacking)
     if not rows:
-        raise RecordingError(f"{path}: no row below the header")
+        raise EmptyTableError(f"{path}: no row below the header")
     return _Values(np.array(rows, dtype=np.float64), flags)
 
 

@@ -6,13 +6,14 @@ cover the same time are one: they are interpolated to the slowest of these clock
 values are NaN where a table has none.  The largest such group is read, and the others
 are named.
 
-Tables of the same columns whose clocks follow one another are pieces of one recording,
-one after another; only the first needs the names of the columns.
+Tables of the same columns whose clocks follow one another without a gap are pieces of
+one recording, one after another; only the first needs the names of the columns.
 """
 
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -26,9 +27,12 @@ from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.units import is_time
+from consistent_id.recordings.readers.used_rows import EmptyTableError
 
 _RATES = 20.0  # most ratio of the rates of two tables of one recording
 _COMMON = 0.8  # share of the longer clock that two tables of one recording cover
+_GAP = 10.0  # usual steps between two pieces; after more, a run of its own begins
+_FOLDERS = 4  # whose clocks are kept
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +44,27 @@ class _TablePart:
     clock: str | None
     time: Vector
 
+    def read(self, names: Sequence[str]) -> Arrays:
+        """Return columns of the table."""
+        return _columns(self.file, names)
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """The tables of a folder that are one recording.
+
+    Parameters
+    ----------
+    parts : tuple of _TablePart
+        Side by side, or one after another.
+    names : tuple of str
+        The columns of pieces, by the names of the first that has any; empty if the
+        parts are side by side.
+    """
+
+    parts: tuple[_TablePart, ...]
+    names: tuple[str, ...] = ()
+
 
 def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     """Return the named columns of the tables.
@@ -49,18 +74,17 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     RecordingError
         If there is no such column, or no two tables have one clock.
     """
-    if pieces := _pieces(path):
-        require(str(path), names, tuple(pieces[0].columns))
-        each = [piece.read(names) for piece in pieces]
+    layout = _layout(path)
+    if layout.names:
+        require(str(path), names, layout.names)
+        each = [_of_piece(part, layout.names, names) for part in layout.parts]
         return {name: np.concatenate([one[name] for one in each]) for name in names}
-    parts = _parts(path)
-    places, clock = _places(parts), _slowest(parts)
+    places, clock = _places(layout.parts), _slowest(layout.parts)
     require(str(path), names, tuple(places))
     found: dict[str, Any] = {}
-    for file in dict.fromkeys(places[name][0] for name in names):
-        own = {n: places[n][1] for n in names if places[n][0] == file}
-        read = log_format(file).reader(file).read_arrays(file, [*own.values()])
-        (part,) = (part for part in parts if part.file == file)
+    for part in layout.parts:
+        own = {n: places[n][1] for n in names if places[n][0] == part.file}
+        read = part.read([*own.values()]) if own else {}
         for name, column in own.items():
             found[name] = _at(clock, part, np.asarray(read[column]))
     return found
@@ -68,40 +92,62 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
 
 def array_names(path: Path) -> tuple[str, ...]:
     """Return the names of all columns; a name of several tables follows its table's."""
-    if pieces := _pieces(path):
-        return tuple(pieces[0].columns)
-    return tuple(_places(_parts(path)))
+    layout = _layout(path)
+    return layout.names or tuple(_places(layout.parts))
 
 
 def notes(path: Path) -> tuple[str, ...]:
     """Return sentences on the tables that are read, and on those that are not."""
-    if pieces := _pieces(path):
-        said = ", ".join(piece.file.name for piece in pieces)
-        return (f"{said} are pieces of one recording, one after another",)
-    parts = _parts(path)
-    files, clock = [part.file for part in parts], _slowest(parts)
+    layout = _layout(path)
+    parts = layout.parts
+    files = [part.file for part in parts]
+    said = ", ".join(file.name for file in files)
+    rest = ", ".join(file.name for file in tables_in(path) if file not in files)
+    if layout.names:
+        why = "not read, as they lack these columns or have no rows"
+        more = f"; {why}: {rest}" if rest else ""
+        return (f"{said} are pieces of one recording, one after another{more}",)
+    clock = _slowest(parts)
     moved = ", ".join(p.file.name for p in parts if not _has_clock(p, clock))
     if moved:
         moved = f"; {moved}: interpolated to the clock of {clock.file.name}"
-    said = ", ".join(file.name for file in files)
-    rest = ", ".join(file.name for file in tables_in(path) if file not in files)
     more = f"; not read, as they have another clock or no table: {rest}" if rest else ""
     return (f"{said} are one recording{moved}{more}",)
 
 
 def one_recording(files: Sequence[Path]) -> Path | None:
-    """Return the folder of tables that are one recording, or None."""
+    """Return the folder of tables that are one recording side by side, or None."""
     folder = files[0].parent
     together = all(file.parent == folder and file.is_file() for file in files)
     if len(files) < 2 or not together:
         return None
     if folder.is_dir() and set(files) <= set(tables_in(folder)):
         try:
-            parts = {part.file for part in _parts(folder)}
+            layout = _layout(folder)
         except RecordingError:
             return None
-        return folder if set(files) <= parts else None
+        parts = {part.file for part in layout.parts}
+        return folder if not layout.names and set(files) <= parts else None
     return None
+
+
+def _layout(path: Path) -> _Layout:
+    """Return the tables that are one recording.
+
+    Raises
+    ------
+    RecordingError
+        If no two of them are.
+    """
+    stats = ((file, file.stat()) for file in tables_in(path))
+    return _found(path, tuple((f, s.st_mtime_ns, s.st_size) for f, s in stats))
+
+
+@lru_cache(maxsize=_FOLDERS)
+def _found(path: Path, states: Sequence[tuple[Path, int, int]]) -> _Layout:
+    """Return the tables that are one recording since files were changed [ns]."""
+    tables = [part for file, *_ in states if (part := _part(file)) is not None]
+    return _pieces(tables) or _Layout(tuple(_parts(path, tables)))
 
 
 def _places(parts: Sequence[_TablePart]) -> dict[str, tuple[Path, str]]:
@@ -119,9 +165,8 @@ def _places(parts: Sequence[_TablePart]) -> dict[str, tuple[Path, str]]:
     return places
 
 
-def _parts(path: Path) -> list[_TablePart]:
+def _parts(path: Path, tables: Sequence[_TablePart]) -> list[_TablePart]:
     """Return the tables of the largest group with one clock."""
-    tables = [part for file in tables_in(path) if (part := _part(file)) is not None]
     timed = [part for part in tables if part.clock is not None]
     best = list[_TablePart]()
     for together in (_has_clock, _belongs):  # interpolated only where no clocks agree
@@ -133,52 +178,88 @@ def _parts(path: Path) -> list[_TablePart]:
         if len(best) > 1:
             break
     if len(best) < 2:
-        raise RecordingError(
-            f"{path}: no two of its {len(tables)} tables have the same clock, so they "
-            "are no single recording; give the files one by one",
-            options=" ".join(shlex.quote(str(part.file)) for part in tables),
-            replaces=[str(path)],
-        )
+        raise _several(path, timed or tables)
     return best
 
 
-@dataclass(frozen=True, slots=True)
-class _Piece:
-    """A table of a recording in pieces, its clock, and its columns by their names."""
+def _several(path: Path, tables: Sequence[_TablePart]) -> RecordingError:
+    """Return the error of a folder that is no single recording."""
+    said = (
+        f"no two of its {len(tables)} tables have the same clock, nor do their clocks "
+        "follow one another without a gap, so they are no single recording; give the "
+        "files one by one"
+    )
+    if not tables:
+        said = "none of its files is a table with rows"
+    elif len(tables) == 1:
+        said = f"only {tables[0].file.name} is a table with rows; give it by itself"
+    return RecordingError(
+        f"{path}: {said}",
+        options=" ".join(shlex.quote(str(part.file)) for part in tables),
+        replaces=[str(path)] if tables else (),
+    )
 
-    file: Path
-    columns: dict[str, str]
-    time: Vector
 
-    def read(self, names: Sequence[str]) -> Arrays:
-        """Return columns by the names that they have in all pieces."""
-        own = [self.columns[name] for name in names]
-        read = log_format(self.file).reader(self.file).read_arrays(self.file, own)
-        return {
-            name: np.asarray(read[column])
-            for name, column in zip(names, own, strict=True)
-        }
-
-
-def _pieces(path: Path) -> list[_Piece]:
-    """Return the tables that are pieces of one recording, in their order; or none."""
-    tables = [part for file in tables_in(path) if (part := _part(file)) is not None]
+def _pieces(tables: Sequence[_TablePart]) -> _Layout | None:
+    """Return the tables that are pieces of one recording, in their order; or None."""
     head = next((part for part in tables if part.clock is not None), None)
-    if head is None or head.clock is None or len(tables) < 2:
-        return []
-    found = []
+    if head is None or head.clock is None:
+        return None
+    found = list[_TablePart]()
     for part in tables:
-        columns = dict(zip(head.names, part.names, strict=False))
-        if set(part.names) == set(head.names):
-            columns = {name: name for name in head.names}
-        elif not lacks_names(part.names) or len(part.names) != len(head.names):
-            return []
-        piece = _Piece(part.file, columns, part.time)
-        time = np.asarray(piece.read([head.clock])[head.clock])
-        found.append(replace(piece, time=time))
-    found.sort(key=lambda piece: float(piece.time[0]))
-    follow = all(one.time[-1] < after.time[0] for one, after in pairwise(found))
-    return found if follow else []
+        own = dict(zip(head.names, part.names, strict=False))
+        alike = set(part.names) == set(head.names)
+        if alike:
+            own = {name: name for name in head.names}
+        if alike or (lacks_names(part.names) and len(part.names) == len(head.names)):
+            found.append(_with_clock(part, own[head.clock]))
+        elif part.clock is not None:
+            return None
+    if len(found) < 2 or any(not _is_clock(part.time) for part in found):
+        return None
+    found.sort(key=lambda part: float(part.time[0]))
+    return _Layout(tuple(found), head.names) if _follow(found) else None
+
+
+def _with_clock(part: _TablePart, clock: str) -> _TablePart:
+    """Return a table with a column as its clock."""
+    if clock == (part.clock or part.names[0]):
+        return replace(part, clock=clock)
+    return replace(
+        part, clock=clock, time=np.array(_columns(part.file, [clock])[clock])
+    )
+
+
+def _follow(parts: Sequence[_TablePart]) -> bool:
+    """Return whether the clocks follow one another, with no gap as between two runs."""
+    steps = np.concatenate([np.diff(part.time) for part in parts])
+    rising = steps[steps > 0.0]
+    if not len(rising):
+        return False
+    longest = max(_GAP * float(np.median(rising)), float(rising.max()))
+    between = [after.time[0] - one.time[-1] for one, after in pairwise(parts)]
+    return all(0.0 <= step <= longest for step in between)
+
+
+def _is_clock(time: Vector) -> bool:
+    numbers = time.ndim == 1 and time.dtype.kind in "iuf"
+    return bool(numbers and np.isfinite(time[[0, -1]]).all())
+
+
+def _of_piece(
+    part: _TablePart, known: Sequence[str], names: Sequence[str]
+) -> dict[str, np.ndarray]:
+    """Return columns of a piece by the names that they have in all pieces."""
+    own = {name: name for name in names}
+    if set(part.names) != set(known):
+        own = {name: part.names[known.index(name)] for name in names}
+    read = part.read([*own.values()])
+    return {name: np.asarray(read[column]) for name, column in own.items()}
+
+
+def _columns(file: Path, names: Sequence[str]) -> Arrays:
+    read: Arrays = log_format(file).reader(file).read_arrays(file, names)
+    return read
 
 
 def _part(file: Path) -> _TablePart | None:
@@ -188,18 +269,19 @@ def _part(file: Path) -> _TablePart | None:
     """
     clock = None
     try:
-        reader = log_format(file).reader(file)
-        names = tuple(reader.array_names(file))
+        names = tuple(log_format(file).reader(file).array_names(file))
         clock = next((name for name in names if is_time(name)), None)
         if not names:
             return None
         column = clock or names[0]
-        values = np.asarray(reader.read_arrays(file, [column])[column])
+        values = np.array(_columns(file, [column])[column])
+    except EmptyTableError:
+        return None
     except RecordingError:
         if clock is not None:
             raise
         return None
-    return _TablePart(file, names, clock, values)
+    return _TablePart(file, names, clock, values) if values.size else None
 
 
 def _belongs(other: _TablePart, part: _TablePart) -> bool:

@@ -35,6 +35,10 @@ class NoValueError(RecordingError):
         self.said, self.channel = said, channel
 
 
+class EmptyTableError(RecordingError):
+    """A table has a header, and no row."""
+
+
 class UsedRows(NamedTuple):
     """The rows of a log that a recording is made of.
 
