@@ -262,8 +262,12 @@ def _with_motion(
 
 def _empty_joints(values: np.ndarray, joints: int) -> int:
     """Return the number of an array's joints that are zero throughout, or missing."""
-    numbers = np.asarray(values, dtype=np.float64)
-    if numbers.ndim != 2 or joints not in numbers.shape:
+    numbers = np.asarray(values)
+    if (
+        numbers.dtype.kind not in "iuf"
+        or numbers.ndim != 2
+        or joints not in numbers.shape
+    ):
         return joints + 1
     upright = numbers if numbers.shape[1] == joints else numbers.T
     return int((upright == 0.0).all(axis=0).sum())

@@ -87,7 +87,8 @@ def _times(log: Path, names: Sequence[str], known: Mapping[str, str]) -> np.ndar
         return np.asarray(read[clock], dtype=np.float64).reshape(-1)
     likely = [name for name in names if not is_time(name)]
     read = reader_of(log).read_arrays(log, likely)
-    return np.arange(max(max(np.shape(values), default=0) for values in read.values()))
+    sizes = [max(np.shape(values), default=0) for values in read.values()]
+    return np.arange(max(sizes, default=0))
 
 
 def _blocks(

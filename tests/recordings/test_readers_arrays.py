@@ -428,3 +428,16 @@ def test_columns_of_one_array_are_numbered(tmp_path, lying):
     np.save(tmp_path / "log.npy", table.T if lying else table)
     log = read_recording(tmp_path / "log.npy", ["a"], Columns("column1", "column3"))
     np.testing.assert_array_equal(log.position[:, 0], np.cos(t))
+
+
+def test_a_flag_among_numbers_of_json_is_missing(tmp_path):
+    """It was 1.0, in silence; lists of flags are flags."""
+    path = tmp_path / "log.json"
+    path.write_text(
+        '{"time": [0, 1, 2], "q": [0.5, true, 0.7], "on": [true, false, true]}'
+    )
+    with pytest.raises(RecordingError, match="nan at sample 1") as refused:
+        read_recording(path, ["a"], Columns(position="q"))
+    assert refused.value.options == "--missing omit"
+    with pytest.raises(RecordingError, match="'on' holds bool"):
+        read_recording(path, ["a"], Columns(position="on"))

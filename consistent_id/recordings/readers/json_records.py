@@ -8,6 +8,7 @@ numbers or times in all records are not an array.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ _MOST_JOINTS = 100  # objects of a list that are joints; more are records
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
-    """Return the named arrays; NaN stands for null.
+    """Return the named arrays; NaN stands for null, and for flags among numbers.
 
     Raises
     ------
@@ -171,10 +172,15 @@ def _numbers(lists: Mapping[str, Any]) -> dict[str, np.ndarray]:
             values = [number(v, ".") if isinstance(v, str) else v for v in values]
         if not isinstance(values, list) or any(isinstance(v, str) for v in values):
             continue
+        kinds = {type(v) for v in values} - {type(None)}
+        if bool in kinds and kinds & {int, float}:
+            values = [nan if isinstance(v, bool) else v for v in values]
         try:
             array = np.array(values, dtype=np.float64)
         except (TypeError, ValueError):
             continue
         if array.ndim in (1, 2) and not np.isnan(array).all():
             found[name] = array
+            if kinds == {bool} and None not in values:
+                found[name] = array.astype(np.bool_)
     return found

@@ -347,7 +347,8 @@ def parts_of(
 def _clock(name: str, arrays: Arrays, where: str, first: int) -> Vector:
     """Return a clock of two columns, or of a rate, from a row on."""
     if rate := rate_of(name):
-        rows = max(max(values.shape) for values in arrays.values())
+        sizes = [max(values.shape, default=0) for values in arrays.values()]
+        rows = max(sizes, default=0)
         return np.asarray((first + np.arange(rows)) / rate)
     whole, fraction = clock_columns(name)
     unit = fraction_unit(where, fraction)
