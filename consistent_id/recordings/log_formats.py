@@ -110,7 +110,8 @@ _LEROBOT_INFO = ("meta", "info.json")  # of its folder
 
 TABLES = LogFormat("folder of tables", (), "table_folder", folders=True)
 _TEXTS = (".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".lvm", ".prn")
-_MESSAGES = (".yaml", ".yml", ".xml")  # printed as text
+MESSAGES = (".yaml", ".yml", ".xml")
+"""Suffixes of messages that are printed as text."""
 _TABLES = (*_TEXTS, ".parquet", ".feather", ".arrow")
 _BAGS = (".mcap", ".db3", ".bag")
 
@@ -126,7 +127,7 @@ ROS_BAG = LogFormat(
 )
 
 LOG_FORMATS = (
-    LogFormat("CSV", (*_TEXTS, *_MESSAGES), "csv", streams=True, is_text=True),
+    LogFormat("CSV", (*_TEXTS, *MESSAGES), "csv", streams=True, is_text=True),
     LogFormat("Parquet", (".parquet",), "parquet", *_ARROW, streams=True),
     LEROBOT,
     LogFormat("Feather", (".feather", ".arrow"), "feather", *_ARROW, streams=True),

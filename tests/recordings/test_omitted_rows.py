@@ -90,7 +90,7 @@ def test_all_broken_rows_are_named_at_once_and_count_as_in_the_file(tmp_path):
 
 @pytest.mark.parametrize("piece", [2**22, 1000])
 def test_rows_read_in_pieces_are_left_out_alike(tmp_path, monkeypatch, piece):
-    monkeypatch.setattr("consistent_id.recordings.readers.csv._PIECE", piece)
+    monkeypatch.setattr("consistent_id.recordings.readers.table_text.PIECE", piece)
     path = _with(tmp_path, {3: "x,,1", 90: "0.89", 310: "x"})
     rows = LogRows(path, ("elbow",), COLUMNS)
     message, advised = _advised(lambda: np.concatenate(list(rows.times())))

@@ -1,6 +1,7 @@
 """Messages that ROS and KUKA print are read by the joints' names in them."""
 
 import re
+import time
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.readers import read_recording
 from consistent_id.recordings.readers.csv import read_arrays
 from consistent_id.recordings.readers.recording_file import column_names
-from consistent_id.recordings.readers.yaml_messages import fields_of
+from consistent_id.recordings.readers.yaml_messages import MessageError, fields_of
 
 JOINTS = ("shoulder", "elbow")
 PRINTED = ("elbow", "shoulder")  # ROS sorts names
@@ -258,3 +259,99 @@ def test_missing_items_of_lists_and_comments_above(tmp_path):
     arrays = read_arrays(file, ["q[0]", "q[1]"], missing="omit")
     np.testing.assert_array_equal(arrays["q[0]"], [np.nan, 3.0])
     np.testing.assert_array_equal(arrays["q[1]"], [2.0, np.nan])
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        ("note: |\n  q: 1\n  - 2\nq: 5", {"q": "5"}),
+        ("note: >-\n  some\n\n  words\nq: 5", {"q": "5"}),
+        ("note: 'a: b\n\n- c'\nq: 5", {"q": "5"}),
+        ("note: a text\n  of two lines\nq: 5", {"q": "5"}),
+        ("q: 5  # rad", {"q": "5"}),
+        ("'joint 1': 5\nand this: 6", {"joint 1": "5", "and this": "6"}),
+        ("q: [1.0,\n  2.0]\nt: 3", {"q[0]": "1.0", "q[1]": "2.0", "t": "3"}),
+        ("q: [[1, 2], [3]]", {"q[0][0]": "1", "q[0][1]": "2", "q[1][0]": "3"}),
+        ("s: {q: 1, u: [2, 3]}\nt: 4", {"s.q": "1", "s.u[0]": "2", "s.u[1]": "3"}),
+        ("q:\n- - 1\n  - 2\n- - 3", {"q[0][0]": "1", "q[0][1]": "2", "q[1][0]": "3"}),
+        ("q:\n-\n  a: 1\n-\n  a: 2", {"q[0].a": "1", "q[1].a": "2"}),
+        ("q: null\nu: .inf", {"q": "nan", "u": "inf"}),
+    ],
+)
+def test_what_stands_behind_a_text_is_read(text, fields):
+    """It was left out, in silence, and so was what stands in brackets in brackets."""
+    found = fields_of("a:\n    b: 1\n" + text + "\nlast:\n- 9\n")
+    assert found["a.b"] == "1"
+    assert found["last[0]"] == "9"
+    assert found.items() >= fields.items()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "q:\n    a: 1\n  b: 2",
+        "q:\n  - 1\n   - 2",
+        "q: 5\n  b: 6",
+        "q: [1, 2",
+        "q: [1]]",
+        "words",
+        "- 5",
+    ],
+)
+def test_a_line_that_is_not_understood_is_an_error(text):
+    with pytest.raises(MessageError):
+        fields_of("a: 1\n" + text + "\nlast: 9\n")
+
+
+def states(count=40):
+    return [
+        f"header:\n  stamp:\n    sec: {k}\n    nanosec: 5\njoint_names: [a, b]\n"
+        f"actual:\n  positions:\n  - {k}.25\n  - 2.5\n"
+        for k in range(count)
+    ]
+
+
+def column(path, name="actual.positions.a"):
+    return read_arrays(path, [name])[name].tolist()
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+@pytest.mark.parametrize("end", [-1, -2, -6, -12, -30])
+def test_a_last_message_that_is_cut_off_is_left_out(tmp_path, end, newline):
+    """With its last number cut off, 2.5 was 2."""
+    path = tmp_path / "log.yaml"
+    text = "---\n".join(states())[: end or None]
+    path.write_bytes(text.replace("\n", newline).encode())
+    assert column(path) == [k + 0.25 for k in range(39)]
+
+
+def test_a_message_that_is_not_understood_is_named(tmp_path):
+    parts = states()
+    parts[3] = parts[3].replace("  - 2.5", "   - 2.5")
+    path = tmp_path / "log.yaml"
+    path.write_text("---\n".join(parts))
+    with pytest.raises(RecordingError, match=r"log\.yaml: not readable .* message 4"):
+        column_names(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("a.yml", "robot: arm\nrate: 5\n"), ("a.xml", "<log/>")],
+)
+def test_other_files_of_yaml_and_xml_are_no_logs(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(RecordingError, match="no messages as ros2 topic echo"):
+        column_names(tmp_path / name)
+
+
+def test_the_time_of_reading_grows_with_the_message_and_not_its_square():
+    def seconds(items):
+        body = "- q:\n  - 1.0\n  u:\n  - 2\n  t:\n    sec: 1\n" * items
+        took = []
+        for _ in range(3):
+            start = time.perf_counter()
+            assert len(fields_of("points:\n" + body)) == 3 * items
+            took.append(time.perf_counter() - start)
+        return min(took)
+
+    assert seconds(4000) < 25 * seconds(500)  # 8 times; it was 50 times

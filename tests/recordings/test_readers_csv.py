@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import log_format
-from consistent_id.recordings.readers import Columns, csv, read_recording
+from consistent_id.recordings.readers import (
+    Columns,
+    csv,
+    read_recording,
+    table_text,
+)
 from consistent_id.recordings.readers.used_rows import UsedRows
 
 REPEATABLE = settings(derandomize=True, deadline=None, max_examples=60)
@@ -170,7 +175,9 @@ def test_other_encodings_are_read_and_said(tmp_path, monkeypatch, encoding, said
     assert len(csv.notes(path)) == said
     whole = csv.read_arrays(path, names)
     assert whole["q elbow [°]"].tolist() == [90.0, 180.0, 270.0]
-    monkeypatch.setattr(csv, "_PIECE", 20)  # with the first letter that is not ASCII
+    monkeypatch.setattr(
+        table_text, "PIECE", 20
+    )  # with the first letter that is not ASCII
     pieces = list(csv.read_batches(path, names, 1))
     assert np.concatenate([p["temps"] for p in pieces]).tolist() == [1.0, 2.0]
 

@@ -11,7 +11,6 @@ import csv
 import io
 import re
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -30,16 +29,20 @@ from consistent_id.recordings.readers.header_lines import (
     with_one_header,
 )
 from consistent_id.recordings.readers.long_tables import (
-    as_wide,
     may_be_long,
     order_of,
 )
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.parquet import numbers_of
 from consistent_id.recordings.readers.printed_messages import (
-    as_table,
-    is_printed,
     named_columns,
+)
+from consistent_id.recordings.readers.table_text import (
+    PIECE,
+    pieces_of_lines,
+    readable,
+    table_text,
+    text_head,
 )
 from consistent_id.recordings.readers.text_files import (
     SEPARATORS,
@@ -66,7 +69,6 @@ from consistent_id.recordings.readers.used_rows import (
 )
 
 _HEAD = 2**14  # characters that show whether there are dates
-_PIECE = 2**22  # characters of text that are read at a time
 _WITHOUT_NAMES = "column"
 _SI = {*SI_WORDS, "", "-", "1"}
 _OF_SI = ": values are read in s, rad, m, N m and N"
@@ -157,8 +159,8 @@ def read_arrays(
     RecordingError
         If the file is not such a text; with the row and the column of the first fault.
     """
-    with _readable(path):
-        text, rewritten = _rewritten(path)
+    with readable(path):
+        text, rewritten = table_text(path)
         header = replace(_header(path, text, names), rewritten=rewritten)
         if date_order(text[:_HEAD]) != DateOrder():
             header = replace(header, day_first=date_order(text).day_first)
@@ -178,12 +180,12 @@ def read_batches(
         As `read_arrays`.
     """
     header = None
-    with _readable(path):
-        for text in _pieces_of_lines(path):
+    with readable(path):
+        for text in pieces_of_lines(path):
             if header is None:
                 header = _header(path, text, names)
                 if date_order(text[:_HEAD]) != DateOrder():
-                    whole = date_order(_text(path))
+                    whole = date_order(table_text(path).text)
                     header = replace(header, day_first=whole.day_first)
                 text = text[header.end :]
             lines = text.count("\n")
@@ -199,27 +201,14 @@ def read_batches(
             header = replace(header, line=header.line + lines, rows=header.rows + rows)
 
 
-@contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Refuse what is no text of rows."""
-    try:
-        yield
-    except UnicodeDecodeError as cause:
-        raise RecordingError(
-            f"{path}: not readable as CSV: {cause}. Save the file as UTF-8"
-        ) from None
-    except csv.Error as cause:
-        raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
-
-
 def notes(path: Path) -> tuple[str, ...]:
     """Return sentences on the encoding if it is not UTF-8, and on a missing header."""
-    head = _head(path)
+    head = text_head(path)
     said = [*encoding_notes(path), *header_note(head, path.name)]
     if date_order(head[:_HEAD]) != DateOrder():
-        said += filter(None, [date_order(_text(path)).said])
+        said += filter(None, [date_order(table_text(path).text).said])
     if may_be_long(one := with_one_header(head)):
-        whole = one if len(head) < _PIECE else path.read_text(encoding_of(path))
+        whole = one if len(head) < PIECE else path.read_text(encoding_of(path))
         if (order := order_of(with_one_header(whole))) is not None:
             said.append(order.sentence(path.name))
     if lacks_names(names := array_names(path)):
@@ -242,46 +231,6 @@ def lacks_names(names: Sequence[str]) -> bool:
     return len(names) > 1 and tuple(names) == tuple(numbered)
 
 
-def _text(path: Path) -> str:
-    """Return a file's text as a table: also printed messages and long tables."""
-    return _rewritten(path)[0]
-
-
-def _rewritten(path: Path) -> tuple[str, bool]:
-    """Return a file's text as a table, and whether its rows are not those of lines."""
-    text = path.read_bytes().decode(encoding_of(path))
-    if printed := is_printed(text):
-        text = as_table(text)
-    one = with_one_header(text)
-    wide = as_wide(one)
-    return wide, printed or wide is not one
-
-
-def _head(path: Path) -> str:
-    """Return the first piece of a text as it is written."""
-    with path.open(encoding=encoding_of(path), newline="") as file:
-        return file.read(_PIECE)
-
-
-def _pieces_of_lines(path: Path) -> Iterator[str]:
-    """Yield a file's text in pieces of whole lines; others as `_text`."""
-    rest, first = "", True
-    with path.open(encoding=encoding_of(path), newline="") as file:
-        while piece := file.read(_PIECE):
-            if first:
-                piece = with_one_header(piece)
-            if first and (is_printed(piece) or may_be_long(piece)):
-                yield _text(path)
-                return
-            first = False
-            whole, newline, end = (rest + piece).rpartition("\n")
-            rest = end
-            if newline:
-                yield whole + newline
-    if rest:
-        yield rest
-
-
 def _has_other_lines(text: str) -> bool:
     """Return whether there may be lines that are not rows, or rows of several lines."""
     return text[:1] in "\r\n" or any(t in text for t in ("\n\n", "\n\r", '"'))
@@ -294,8 +243,8 @@ def array_names(path: Path) -> tuple[str, ...]:
     numbered from 1.
     """
     try:
-        with _readable(path):
-            first, above = _headers(next(_pieces_of_lines(path), ""))
+        with readable(path):
+            first, above = _headers(next(pieces_of_lines(path), ""))
     except OSError as cause:
         raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
     names, comment = (

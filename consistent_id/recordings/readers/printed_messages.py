@@ -12,8 +12,13 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
-from consistent_id.recordings.readers.yaml_messages import fields_of, is_float
+from consistent_id.recordings.readers.yaml_messages import (
+    MessageError,
+    fields_of,
+    is_float,
+)
 
 _CHANNELS = ("position", "velocity", "effort")
 _STAMP = ("header.stamp.sec", "header.stamp.nanosec")
@@ -146,11 +151,18 @@ def is_printed(text: str) -> bool:
     return _LISTS.search(text, 0, _HEAD) is not None and bool(_widths(text))
 
 
+# A text is asked for its names, its notes and its values.
+@lru_cache(maxsize=1)
 def as_table(text: str) -> str:
     """Return messages of YAML or XML as a table with commas and a header.
 
-    Messages with other fields than most have are left out, such as a gripper's.  Lists
-    in cells become columns.
+    Messages with other fields than most have are left out, such as a gripper's, and a
+    last one that is cut off.  Lists in cells become columns.
+
+    Raises
+    ------
+    MessageError
+        If a line is not understood.
     """
     if not (_YAML.match(text) or _XML.match(text)):
         return _without_lists(text)
@@ -159,8 +171,10 @@ def as_table(text: str) -> str:
         rows = [_of_xml(part) for part in parts if "<" in part]
     else:
         parts = re.split(r"^---\s*$", text, flags=re.MULTILINE)
+        if len(parts) > 1 and not text.endswith("\n"):
+            parts.pop()  # its last number may be cut off
         rows = [row for part in parts for row in _of_yaml(part)]
-        rows = rows or [row for row in map(fields_of, parts) if row]
+        rows = rows or _of_fields(parts)
     sizes = Counter({frozenset(row): 0 for row in rows})
     for row in rows:
         sizes[frozenset(row)] += len(row)
@@ -262,6 +276,19 @@ def _of_yaml(text: str) -> Iterator[dict[str, str]]:
         if len(values) == len(joints):
             row |= {f"{channel}.{j}": v for j, v in zip(joints, values, strict=True)}
     yield row
+
+
+def _of_fields(parts: Sequence[str]) -> list[dict[str, str]]:
+    """Return the fields of each message; without the last one if it is cut off."""
+    rows = list[dict[str, str]]()
+    for place, part in enumerate(parts, start=1):
+        try:
+            rows.append(fields_of(part))
+        except MessageError as cause:
+            if place == len(parts) > 1:
+                break
+            raise MessageError(f"message {place}: {cause}") from None
+    return [row for row in rows if row]
 
 
 def _list(text: str, key: str) -> list[str]:
