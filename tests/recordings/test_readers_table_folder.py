@@ -8,6 +8,7 @@ from logged import write_arm
 
 from consistent_id import Columns, RecordingError, read_recording
 from consistent_id.problems.robot_logs import robot_logs
+from consistent_id.problems.statement import Statement
 from consistent_id.recordings.log_formats import TABLES, log_format
 from consistent_id.recordings.readers import csv, table_folder
 
@@ -218,3 +219,51 @@ def test_runs_in_a_folder_are_answered_with_the_command_for_each(tmp_path):
         robot_logs(urdf, tmp_path / "runs")
     assert caught.value.options.split() == names
     assert caught.value.replaces == (str(tmp_path / "runs"),)
+
+
+@pytest.mark.parametrize("clock", [True, False])
+def test_runs_on_equal_clocks_are_no_channels_of_one_recording(tmp_path, clock):
+    """As simulators write them: of two, the first was read."""
+    urdf, log = write_arm(tmp_path)
+    (tmp_path / "runs").mkdir()
+    lines = log.read_text().splitlines()
+    lines = [line if clock else line.partition(",")[2] for line in lines]
+    names = [str(tmp_path / "runs" / f"{k}.csv") for k in "ab"]
+    for name in names:
+        Path(name).write_text("\n".join(lines))
+    stated = Statement() if clock else Statement(time="100Hz")
+    with pytest.raises(RecordingError, match="they are runs") as caught:
+        robot_logs(urdf, tmp_path / "runs", stated)
+    assert caught.value.options.split() == names
+    assert caught.value.replaces == (str(tmp_path / "runs"),)
+
+
+def test_channels_in_tables_of_the_same_columns_are_one_recording(tmp_path):
+    urdf, log = write_arm(tmp_path)
+    (tmp_path / "run").mkdir()
+    names, *rows = (line.split(",") for line in log.read_text().splitlines())
+    for channel, word in (("position", "q"), ("torque", "tau")):
+        places = [0, *(k for k, n in enumerate(names) if n.startswith(f"{word}_"))]
+        columns = ["time", *(names[k].removeprefix(f"{word}_") for k in places[1:])]
+        lines = [columns, *([row[k] for k in places] for row in rows)]
+        path = tmp_path / "run" / f"{channel}.csv"
+        path.write_text("\n".join(map(",".join, lines)))
+    columns = robot_logs(urdf, tmp_path / "run").columns
+    assert columns.position == "position.{joint}"
+    assert columns.torque == "torque.{joint}"
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (["README.md", "a.npz", "b.npz"], "give the logs of a.npz, b.npz one by one"),
+        (["README.md", "config.yaml"], "there is no log in it"),
+        ([], "there is no log in it"),
+    ],
+)
+def test_a_folder_of_other_files_is_answered_with_the_logs_in_it(tmp_path, names, said):
+    """It was said to be a bag that lacks its metadata."""
+    for name in names:
+        (tmp_path / name).write_text("x")
+    with pytest.raises(RecordingError, match=said):
+        log_format(tmp_path)

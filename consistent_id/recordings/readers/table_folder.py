@@ -115,6 +115,30 @@ def notes(path: Path) -> tuple[str, ...]:
     return (f"{said} are one recording{moved}{more}",)
 
 
+def require_one_run(path: Path, patterns: Sequence[str]) -> None:
+    """Refuse columns of a single one of several tables that have the same columns.
+
+    They are runs on equal clocks, as simulators write them, and not channels.
+
+    Raises
+    ------
+    RecordingError
+        With the tables, to be given one by one.
+    """
+    parts = _layout(path).parts
+    for part in parts:
+        alike = [other for other in parts if set(other.names) == set(part.names)]
+        own = [pattern.startswith(f"{part.file.stem}.") for pattern in patterns]
+        if len(alike) > 1 and all(own):
+            names = ", ".join(other.file.name for other in alike)
+            raise RecordingError(
+                f"{path}: {names} have the same columns, and {part.file.name} has "
+                "positions and torques: they are runs; give the files one by one",
+                options=" ".join(shlex.quote(str(other.file)) for other in alike),
+                replaces=[str(path)],
+            )
+
+
 def one_recording(files: Sequence[Path]) -> Path | None:
     """Return the folder of tables that are one recording side by side, or None."""
     folder = files[0].parent
