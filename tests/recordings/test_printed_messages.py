@@ -325,6 +325,20 @@ def test_a_last_message_that_is_cut_off_is_left_out(tmp_path, end, newline):
     assert column(path) == [k + 0.25 for k in range(39)]
 
 
+LOST = "A message was lost!!!\n\ttotal count change:1\n\ttotal count: 1---\n"
+UNPUBLISHED = "WARNING: topic [/state] does not appear to be published yet\n"
+
+
+def test_notices_between_messages_are_passed_over(tmp_path):
+    """``ros2 topic echo`` prints them, and the next message was left out."""
+    parts = states()
+    parts[0] = UNPUBLISHED + parts[0]
+    parts[7] = LOST + parts[7]
+    path = tmp_path / "log.yaml"
+    path.write_text("---\n".join(parts))
+    assert column(path) == [k + 0.25 for k in range(40)]
+
+
 def test_a_message_that_is_not_understood_is_named(tmp_path):
     parts = states()
     parts[3] = parts[3].replace("  - 2.5", "   - 2.5")

@@ -174,11 +174,12 @@ def recording_of(
         broken = broken_samples(seconds, [*channels.values(), *beside.values()])
         numbers = rows.numbers
         numbers = np.arange(1, len(time) + 1) if numbers is None else numbers
-        advice = omit_advice(numbers[keep][broken].tolist(), len(seconds))
-        options = cause.options
+        faulty = numbers[keep][broken].tolist()
+        advice = omit_advice(faulty, len(seconds))
+        options = cause.options or f"--omit {','.join(map(str, faulty))}" * bool(advice)
         if any(np.isnan(values).any() for values in channels.values()):
             advice = f"{advice}{MISSING_ADVICE}"
-            options = f"{options} {OMIT_MISSING}".strip()
+            options = f"{cause.options} {OMIT_MISSING}".strip()
         raise RecordingError(f"{cause}{advice}", options=options) from None
     return recording
 

@@ -27,7 +27,9 @@ _NAMED = re.compile(r"(?P<before>.*?)name(?P<after>[._\[]*)(?P<number>\d+)\]?$")
 _COUNTED = re.compile(r"[._\[]?\d+\]?$")  # the number that ends a name
 _INTEGER = re.compile(r"\d+")
 
-_YAML = re.compile(r"\A(?:---\s+)?header:\s*\n\s+(?:seq|stamp):", re.MULTILINE)
+_YAML = re.compile(r"^header:\s*\n\s+(?:seq|stamp):", re.MULTILINE)
+_MESSAGE = re.compile(r"^header:", re.MULTILINE)
+_NOTICES = 2_000  # characters of warnings above the first message, at most
 _XML = re.compile(r"\A\s*<(?P<root>Rob|Sen)\b[^>]*>")
 _LIST = re.compile(r"[\[(](?P<items>(?:[-+.,\deE\s]|nan|null|none|inf)*)[\])]", re.I)
 _LISTS = re.compile(r"[\[(]\s*[-+.\dni][^\[\]()]*[,\s][^\[\]()]*[\])]", re.I)
@@ -144,9 +146,13 @@ def is_element(text: str) -> bool:
     return _XML.match(text) is not None
 
 
+def _is_message(text: str) -> bool:
+    return bool(_YAML.search(text, 0, _NOTICES) or _XML.match(text))
+
+
 def is_printed(text: str) -> bool:
     """Return whether a text begins with a message, or has lists in its first row."""
-    if _YAML.match(text) or _XML.match(text):
+    if _is_message(text):
         return True
     return _LISTS.search(text, 0, _HEAD) is not None and bool(_widths(text))
 
@@ -164,7 +170,7 @@ def as_table(text: str) -> str:
     MessageError
         If a line is not understood.
     """
-    if not (_YAML.match(text) or _XML.match(text)):
+    if not _is_message(text):
         return _without_lists(text)
     if (found := _XML.match(text)) is not None:
         parts = text.split(f"</{found['root']}>")
@@ -173,6 +179,9 @@ def as_table(text: str) -> str:
         parts = re.split(r"^---\s*$", text, flags=re.MULTILINE)
         if len(parts) > 1 and not text.endswith("\n"):
             parts.pop()  # its last number may be cut off
+        # Between messages, ``echo`` prints that one was lost, and warnings.
+        begins = [(_MESSAGE.search(part), part) for part in parts]
+        parts = [part[begin.start() :] for begin, part in begins if begin]
         rows = [row for part in parts for row in _of_yaml(part)]
         rows = rows or _of_fields(parts)
     sizes = Counter({frozenset(row): 0 for row in rows})
