@@ -267,3 +267,40 @@ def test_a_folder_of_other_files_is_answered_with_the_logs_in_it(tmp_path, names
         (tmp_path / name).write_text("x")
     with pytest.raises(RecordingError, match=said):
         log_format(tmp_path)
+
+
+def test_a_faulty_row_of_a_piece_is_not_one_of_the_folder(tmp_path):
+    """A row to omit was proposed, which is another one of the whole recording."""
+    files = pieces(tmp_path, [0.0, 0.4])
+    files[1].write_text(files[1].read_text()[:-12])
+    with pytest.raises(
+        RecordingError, match=r"run1\.csv, row 40 .* Mend that row"
+    ) as no:
+        table_folder.read_arrays(tmp_path, ["t", "tau_hip"])
+    assert not no.value.options
+
+
+def test_events_beside_pieces_are_not_of_them(tmp_path):
+    pieces(tmp_path, [0.0, 0.4])
+    (tmp_path / "events.csv").write_text("t,event\n0.1,start\n0.3,end\n")
+    assert len(read_recording(tmp_path, ["hip"], Columns("t", "q_{joint}"))) == 80
+    assert "events.csv" in table_folder.notes(tmp_path)[0]
+
+
+def test_channels_of_several_runs_are_refused(tmp_path):
+    """Only the first run was read."""
+    for run, begin in enumerate((0.0, 100.0)):
+        for word in ("q", "tau"):
+            table(tmp_path, f"{word}_{run}.csv", f"t,{word}_hip", begin + TIME, TIME)
+    with pytest.raises(
+        RecordingError, match=r"q_1\.csv, tau_1\.csv have the same columns"
+    ):
+        table_folder.array_names(tmp_path)
+
+
+def test_a_copy_of_a_piece_is_no_channel(tmp_path):
+    first, second = pieces(tmp_path, [0.0, 0.4])
+    (tmp_path / "run0 (copy).csv").write_text(first.read_text())
+    with pytest.raises(RecordingError, match="they are copies, or runs") as caught:
+        table_folder.array_names(tmp_path)
+    assert str(second) in caught.value.options

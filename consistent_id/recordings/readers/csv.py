@@ -63,6 +63,7 @@ from consistent_id.recordings.readers.used_rows import (
     MISSING_ADVICE,
     OMIT_MISSING,
     EmptyTableError,
+    FaultyRowsError,
     Missing,
     UsedRows,
     omit_advice,
@@ -465,14 +466,13 @@ def _exact(
 
 def _faulty(
     first: str, broken: Sequence[int], rows: int, lacking: bool
-) -> RecordingError:
+) -> FaultyRowsError:
     """Return the error of the first faulty row, with the way to leave all out."""
     advice = omit_advice(broken, rows)
     options = OMIT_MISSING * lacking
     if advice and not lacking and (1 not in broken or first.endswith(_OF_SI)):
         options = f"--omit {','.join(map(str, broken))}"
-    said = f"{first}{advice}{MISSING_ADVICE * lacking}"
-    return RecordingError(said, options=options)
+    return FaultyRowsError(first, f"{advice}{MISSING_ADVICE * lacking}", options)
 
 
 def _miscounted(fields: Sequence[str], header: _CsvHeader) -> str:

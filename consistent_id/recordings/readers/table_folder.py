@@ -22,12 +22,13 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.column_words import channel_of
 from consistent_id.recordings.log_formats import log_format, tables_in
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.units import is_time
-from consistent_id.recordings.readers.used_rows import EmptyTableError
+from consistent_id.recordings.readers.used_rows import EmptyTableError, FaultyRowsError
 
 _RATES = 20.0  # most ratio of the rates of two tables of one recording
 _COMMON = 0.8  # share of the longer clock that two tables of one recording cover
@@ -50,7 +51,7 @@ class _TablePart:
 
 
 @dataclass(frozen=True, slots=True)
-class _Layout:
+class _RecordingTables:
     """The tables of a folder that are one recording.
 
     Parameters
@@ -74,7 +75,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     RecordingError
         If there is no such column, or no two tables have one clock.
     """
-    layout = _layout(path)
+    layout = _recording_tables(path)
     if layout.names:
         require(str(path), names, layout.names)
         each = [_of_piece(part, layout.names, names) for part in layout.parts]
@@ -92,16 +93,16 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
 
 def array_names(path: Path) -> tuple[str, ...]:
     """Return the names of all columns; a name of several tables follows its table's."""
-    layout = _layout(path)
+    layout = _recording_tables(path)
     return layout.names or tuple(_places(layout.parts))
 
 
 def notes(path: Path) -> tuple[str, ...]:
     """Return sentences on the tables that are read, and on those that are not."""
-    layout = _layout(path)
+    layout = _recording_tables(path)
     parts = layout.parts
     files = [part.file for part in parts]
-    said = ", ".join(file.name for file in files)
+    said = _names(parts)
     rest = ", ".join(file.name for file in tables_in(path) if file not in files)
     if layout.names:
         why = "not read, as they lack these columns or have no rows"
@@ -125,18 +126,15 @@ def require_one_run(path: Path, patterns: Sequence[str]) -> None:
     RecordingError
         With the tables, to be given one by one.
     """
-    parts = _layout(path).parts
+    found = _recording_tables(path)
+    parts = () if found.names else found.parts
     for part in parts:
         alike = [other for other in parts if set(other.names) == set(part.names)]
         own = [pattern.startswith(f"{part.file.stem}.") for pattern in patterns]
         if len(alike) > 1 and all(own):
-            names = ", ".join(other.file.name for other in alike)
-            raise RecordingError(
-                f"{path}: {names} have the same columns, and {part.file.name} has "
-                "positions and torques: they are runs; give the files one by one",
-                options=" ".join(shlex.quote(str(other.file)) for other in alike),
-                replaces=[str(path)],
-            )
+            said = f"{_names(alike)} have the same columns, and {part.file.name} has "
+            said += "positions and torques: they are runs"
+            raise _one_by_one(path, alike, said)
 
 
 def one_recording(files: Sequence[Path]) -> Path | None:
@@ -147,7 +145,7 @@ def one_recording(files: Sequence[Path]) -> Path | None:
         return None
     if folder.is_dir() and set(files) <= set(tables_in(folder)):
         try:
-            layout = _layout(folder)
+            layout = _recording_tables(folder)
         except RecordingError:
             return None
         parts = {part.file for part in layout.parts}
@@ -155,7 +153,7 @@ def one_recording(files: Sequence[Path]) -> Path | None:
     return None
 
 
-def _layout(path: Path) -> _Layout:
+def _recording_tables(path: Path) -> _RecordingTables:
     """Return the tables that are one recording.
 
     Raises
@@ -168,10 +166,10 @@ def _layout(path: Path) -> _Layout:
 
 
 @lru_cache(maxsize=_FOLDERS)
-def _found(path: Path, states: Sequence[tuple[Path, int, int]]) -> _Layout:
+def _found(path: Path, states: Sequence[tuple[Path, int, int]]) -> _RecordingTables:
     """Return the tables that are one recording since files were changed [ns]."""
     tables = [part for file, *_ in states if (part := _part(file)) is not None]
-    return _pieces(tables) or _Layout(tuple(_parts(path, tables)))
+    return _pieces(tables) or _RecordingTables(tuple(_parts(path, tables)))
 
 
 def _places(parts: Sequence[_TablePart]) -> dict[str, tuple[Path, str]]:
@@ -203,30 +201,52 @@ def _parts(path: Path, tables: Sequence[_TablePart]) -> list[_TablePart]:
             break
     if len(best) < 2:
         raise _several(path, timed or tables)
+    files = [part.file for part in best]
+    columns = [set(part.names) for part in best]
+    rest = [p for p in tables if p.file not in files and set(p.names) in columns]
+    if rest and all(names == columns[0] for names in columns):
+        said = f"{_names(best)} have the same clock, and the columns of the others"
+        raise _one_by_one(path, timed, f"{said}: they are copies, or runs")
+    if rest:
+        raise RecordingError(
+            f"{path}: {_names(best)} are one recording, and {_names(rest)} have the "
+            "same columns at other times; put the tables of each run into a folder of "
+            "its own, and pieces of a table into one table"
+        )
     return best
+
+
+def _names(parts: Sequence[_TablePart]) -> str:
+    return ", ".join(part.file.name for part in parts)
 
 
 def _several(path: Path, tables: Sequence[_TablePart]) -> RecordingError:
     """Return the error of a folder that is no single recording."""
-    said = (
-        f"no two of its {len(tables)} tables have the same clock, nor do their clocks "
-        "follow one another without a gap, so they are no single recording; give the "
-        "files one by one"
-    )
     if not tables:
-        said = "none of its files is a table with rows"
-    elif len(tables) == 1:
-        said = f"only {tables[0].file.name} is a table with rows; give it by itself"
+        return RecordingError(f"{path}: none of its files is a table with rows")
+    if len(tables) == 1:
+        said = f"only {_names(tables)} is a table with rows"
+    else:
+        said = (
+            f"no two of its {len(tables)} tables have the same clock, nor do their "
+            "clocks follow one another without a gap, so they are no single recording"
+        )
+    return _one_by_one(path, tables, said)
+
+
+def _one_by_one(path: Path, tables: Sequence[_TablePart], said: str) -> RecordingError:
+    """Return an error with the command that names each table instead of the folder."""
     return RecordingError(
-        f"{path}: {said}",
+        f"{path}: {said}; give the files one by one",
         options=" ".join(shlex.quote(str(part.file)) for part in tables),
-        replaces=[str(path)] if tables else (),
+        replaces=[str(path)],
     )
 
 
-def _pieces(tables: Sequence[_TablePart]) -> _Layout | None:
+def _pieces(tables: Sequence[_TablePart]) -> _RecordingTables | None:
     """Return the tables that are pieces of one recording, in their order; or None."""
-    head = next((part for part in tables if part.clock is not None), None)
+    timed = [part for part in tables if part.clock is not None]
+    head = max(timed, key=_has_channels, default=None)
     if head is None or head.clock is None:
         return None
     found = list[_TablePart]()
@@ -237,12 +257,16 @@ def _pieces(tables: Sequence[_TablePart]) -> _Layout | None:
             own = {name: name for name in head.names}
         if alike or (lacks_names(part.names) and len(part.names) == len(head.names)):
             found.append(_with_clock(part, own[head.clock]))
-        elif part.clock is not None:
+        elif part.clock is not None and _has_channels(part):
             return None
     if len(found) < 2 or any(not _is_clock(part.time) for part in found):
         return None
     found.sort(key=lambda part: float(part.time[0]))
-    return _Layout(tuple(found), head.names) if _follow(found) else None
+    return _RecordingTables(tuple(found), head.names) if _follow(found) else None
+
+
+def _has_channels(part: _TablePart) -> bool:
+    return any(map(channel_of, part.names))
 
 
 def _with_clock(part: _TablePart, clock: str) -> _TablePart:
@@ -282,7 +306,14 @@ def _of_piece(
 
 
 def _columns(file: Path, names: Sequence[str]) -> Arrays:
-    read: Arrays = log_format(file).reader(file).read_arrays(file, names)
+    reader = log_format(file).reader(file)
+    try:
+        read: Arrays = reader.read_arrays(file, names)
+    except FaultyRowsError as cause:
+        raise RecordingError(
+            f"{cause.said}. Mend that row, or take the file out of the folder: rows to "
+            "omit are counted over all its tables"
+        ) from None
     return read
 
 
