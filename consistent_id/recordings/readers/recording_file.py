@@ -206,7 +206,9 @@ def column_names(path: Path) -> tuple[str, ...]:
         )
     names: tuple[str, ...] = reader_of(path).array_names(path)
     if not any(names):
-        raise RecordingError(f"{path}: no column or array of numbers; is it a log?")
+        raise RecordingError(
+            f"{path}: no column or array of numbers: it is empty, or no table"
+        )
     return names
 
 
