@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 _RECORD, _MODEL = "servo.json", "servo.xml"
 _UNITS = ("rad", "deg", "ticks")
-_TIMES = ("s", "ms", "us", "ns")
 _ROLES = ("time", "position", "goal", "duty", "volts", "temperature", "enabled")
 _MORE = """ROBOT is a URDF or MJCF file with the inertias of all links: they give the
 scale of the torque, which a servo does not measure. Logs have the time, positions and
@@ -68,8 +67,8 @@ def add_servo(command: argparse.ArgumentParser) -> None:
         ),
         Option(
             "--times UNIT",
-            "unit of the time (default: that in the column's name, else s)",
-            choices=_TIMES,
+            "unit of the time, such as ms, us, ns, 100ns or day (default: that in the "
+            "column's name, else s)",
         ),
         Option(
             "--zero NUMBER ...",

@@ -6,7 +6,7 @@ even if they are as many.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +61,8 @@ def require_one_clock(
 ) -> None:
     """Refuse a log whose torques or velocities have another clock than its positions.
 
+    Two clocks are compared only where one of them is the time of the recording.
+
     Parameters
     ----------
     names : sequence of str
@@ -76,23 +78,61 @@ def require_one_clock(
         With a form of the log that is read.
     """
     clocks = [name for name in names if stem_of_clock(name)]
-    if len(clocks) < 2 or found.position is None:
+    position, time = found.position, found.time
+    if len(clocks) < 2 or position is None:
         return
-    first = own_clock(found.position, clocks)
+    first = own_clock(position, clocks)
     for channel in ("velocity", "torque"):
         column = getattr(found, channel)
         other = None if column is None else own_clock(column, clocks)
-        if first is None or other in (None, first):
+        if first is None or other in (None, first) or time not in (first, other):
             continue
-        read = table
-        if read is None:
-            lenient = {"missing": "omit"} if log_format(log).is_text else {}
-            read = reader_of(log).read_arrays(log, [first, other], **lenient)
-        one, two = (np.asarray(read[name]).reshape(-1) for name in (first, other))
-        if rises(one) and rises(two) and not np.array_equal(one, two, equal_nan=True):
+        rows = {
+            clock: next((n for n in names if own_clock(n, clocks) == clock != n), clock)
+            for clock in (first, other)
+        }
+        if _differ(log, rows, table):
             raise RecordingError(
                 f"{log}: the position has the clock {first}, the {channel} {other}, "
                 "and their times differ. A table has one clock: write each of these "
                 "channels with its clock into a table of its own, and give their "
-                "folder, which is read as one recording on the slower clock"
+                "folder, which is read as one recording on the slower clock. If all "
+                f"rows are of {time} nevertheless, state the columns, too: --time "
+                f"{time} --position {position} --{channel} {column}"
             )
+
+
+def _differ(log: Path, arrays: Mapping[str, str], table: ColumnTable | None) -> bool:
+    """Return whether two columns are clocks with other times.
+
+    Parameters
+    ----------
+    arrays : mapping of str to str
+        An array that has a row for each value of a clock.
+    table : ColumnTable, optional
+        As of `require_one_clock`.
+    """
+    names = list(dict.fromkeys([*arrays, *arrays.values()]))
+    try:
+        read = {name: np.asarray(values) for name, values in _read(log, names, table)}
+    except RecordingError:  # texts, or faults that are found when the log is read
+        return False
+    clocks = [read[name].reshape(-1) for name in arrays]
+    shapes = [read[name].shape for name in arrays.values()]
+    for clock, shape in zip(clocks, shapes, strict=True):
+        if clock.dtype.kind not in "iuf" or len(clock) not in shape:
+            return False
+    if len(clocks[0]) != len(clocks[1]):
+        return all(map(rises, clocks))
+    both = np.isfinite(clocks[0]) & np.isfinite(clocks[1])
+    one, two = (clock[both] for clock in clocks)
+    return rises(one) and rises(two) and not np.array_equal(one, two)
+
+
+def _read(
+    log: Path, names: Sequence[str], table: ColumnTable | None
+) -> Iterator[tuple[str, object]]:
+    if table is not None:
+        return ((name, table[name]) for name in names)
+    lenient = {"missing": "omit"} if log_format(log).is_text else {}
+    return iter(reader_of(log).read_arrays(log, names, **lenient).items())

@@ -34,7 +34,7 @@ from consistent_id.recordings.column_words import (
     says_unit_of,
     unit_of,
 )
-from consistent_id.recordings.log_formats import has_no_arrays, log_format
+from consistent_id.recordings.log_formats import TABLES, has_no_arrays, log_format
 from consistent_id.recordings.mixed_columns import (
     require_one_torque,
     rivals,
@@ -43,6 +43,7 @@ from consistent_id.recordings.own_names import mapping_advice, mapping_option
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
+from consistent_id.recordings.readers.table_folder import require_one_run
 from consistent_id.recordings.readers.units import KNOWN, SI, listed_names
 from consistent_id.recordings.recording import COMMANDS
 from consistent_id.recordings.unnamed_columns import (
@@ -161,6 +162,9 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             notes.append(f"{channel} is read from {best.text}, not from {also}")
     if in_file:
         require_one_clock(log, column_names(log), found)
+        if log_format(log) is TABLES and "position" not in known.channels:
+            channels = (found.position, getattr(found, known.effort))
+            require_one_run(log, [pattern for pattern in channels if pattern])
     if ordered and found.array_joints:
         order = listed or array_order(log, names, tuple(found.array_joints))
         found = replace(found, array_joints=order)
@@ -275,7 +279,7 @@ def _empty_joints(values: np.ndarray, joints: int) -> int:
     """Return the number of an array's joints that are zero throughout, or missing."""
     numbers = np.asarray(values)
     if (
-        numbers.dtype.kind not in "biuf"
+        numbers.dtype.kind not in "iuf"
         or numbers.ndim != 2
         or joints not in numbers.shape
     ):

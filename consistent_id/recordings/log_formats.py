@@ -110,8 +110,10 @@ _LEROBOT_INFO = ("meta", "info.json")  # of its folder
 
 TABLES = LogFormat("folder of tables", (), "table_folder", folders=True)
 _TEXTS = (".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".lvm", ".prn")
-_MESSAGES = (".yaml", ".yml", ".xml")  # printed as text
+MESSAGES = (".yaml", ".yml", ".xml")
+"""Suffixes of messages that are printed as text."""
 _TABLES = (*_TEXTS, ".parquet", ".feather", ".arrow")
+_BAG_INFO = "metadata.yaml"
 _BAGS = (".mcap", ".db3", ".bag")
 
 ROS_BAG = LogFormat(
@@ -126,7 +128,7 @@ ROS_BAG = LogFormat(
 )
 
 LOG_FORMATS = (
-    LogFormat("CSV", (*_TEXTS, *_MESSAGES), "csv", streams=True, is_text=True),
+    LogFormat("CSV", (*_TEXTS, *MESSAGES), "csv", streams=True, is_text=True),
     LogFormat("Parquet", (".parquet",), "parquet", *_ARROW, streams=True),
     LEROBOT,
     LogFormat("Feather", (".feather", ".arrow"), "feather", *_ARROW, streams=True),
@@ -159,12 +161,11 @@ def log_format(path: Path) -> LogFormat:
     suffix = path.suffix.lower()
     if _is_lerobot(path):
         return LEROBOT
-    if path.is_dir() and len(tables_in(path)) > 1:
-        return TABLES
+    if path.is_dir():
+        return _folder_format(path)
     for known in LOG_FORMATS:
-        if known.folders if path.is_dir() else suffix in known.suffixes:
-            if known not in (LEROBOT, TABLES):
-                return known
+        if suffix in known.suffixes:
+            return known
     if advice := _UNREAD.get(suffix):
         raise RecordingError(f"{path}: {advice}")
     suffixes = (suffix for known in LOG_FORMATS for suffix in known.suffixes)
@@ -172,6 +173,22 @@ def log_format(path: Path) -> LogFormat:
     raise RecordingError(
         f"{path}: cannot read {path.suffix or 'files without a suffix'}, expected one "
         f"of {', '.join([*suffixes, *folders])}, a folder of tables"
+    )
+
+
+def _folder_format(path: Path) -> LogFormat:
+    """Return the format of a folder that is no LeRobot data set."""
+    if len(tables_in(path)) > 1:
+        return TABLES
+    files = sorted(file for file in path.iterdir() if file.is_file())
+    if any(f.name == _BAG_INFO or f.suffix.lower() in _BAGS for f in files):
+        return ROS_BAG
+    suffixes = {suffix for known in LOG_FORMATS for suffix in known.suffixes}
+    logs = [f.name for f in files if f.suffix.lower() in suffixes - {*MESSAGES}]
+    said = f"give the logs of {', '.join(logs)} one by one"
+    raise RecordingError(
+        f"{path}: a folder without {_BAG_INFO} is not a bag, and without several "
+        f"tables no recording; {said if logs else 'there is no log in it'}"
     )
 
 

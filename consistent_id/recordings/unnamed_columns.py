@@ -401,7 +401,8 @@ def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:
         return split
     likely = [name for name in names if in_file and words(name) & _CLOCKS]
     read = readable(log, likely)
-    rising = [n for n in read if is_clock(np.asarray(read[n], float).reshape(-1))]
+    columns = {name: np.asarray(values).reshape(-1) for name, values in read.items()}
+    rising = [n for n, c in columns.items() if c.dtype.kind in "iuf" and is_clock(c)]
     if len(rising) == 1:
         return rising[0]
     raise _without_clock(log, names, in_file=in_file)

@@ -11,16 +11,29 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
+from consistent_id._support.arrays import (
+    Array,
+    Matrix,
+    Vector,
+    checked,
+    freeze,
+    frozen,
+)
 from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_words import words
 from consistent_id.recordings.readers.named_arrays import read_parts
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
-from consistent_id.recordings.readers.units import KNOWN, unit_of_a_name
+from consistent_id.recordings.readers.units import (
+    KNOWN,
+    standard_unit,
+    unit_of_a_name,
+)
 from consistent_id.recordings.readers.used_rows import UsedRows
 from consistent_id.recordings.recording import unit_option
+from consistent_id.robot.parameters import require_known
 
 _GOAL = {"goal", "target", "command", "commanded", "cmd", "action", "desired"}
 _GOAL |= {"reference", "ref", "setpoint"}
@@ -33,6 +46,9 @@ _ROLES: Mapping[str, set[str]] = {
     "enabled": {"enable", "enabled"},
     "time": {"time", "timestamp", "stamp", "t"},
 }
+ROLES = ("time", "position", "goal", "duty", "volts", "temperature", "enabled")
+"""What the columns of a log may be."""
+
 UNITS: Mapping[str, float] = {
     "rad": 1.0,
     "deg": np.pi / 180.0,
@@ -151,7 +167,7 @@ def read_servo_logs(
     *,
     columns: Mapping[str, str] | None = None,
     units: str = "rad",
-    zero: Sequence[float] | None = None,
+    zero: ArrayLike | None = None,
     times: str | None = None,
     full_duty: float | None = None,
 ) -> tuple[ServoLog, ...]:
@@ -168,12 +184,13 @@ def read_servo_logs(
         they are found by their words.
     units : {"rad", "deg", "ticks"}
         Units of positions and goals.
-    zero : sequence of float, optional
+    zero : array_like, shape () or (joints,), optional
         Positions in the log, in its unit, at which the robot's are zero: one, or one
         for each joint.  By default zero; it has to be stated for ticks that are all
         positive, whose zero usually is in the middle, 2048.
-    times : {"s", "ms", "us", "ns"}, optional
-        Unit of the time; by default that in the column's name, else s.
+    times : str, optional
+        Unit of the time, such as ``ms`` or ``100ns``; by default that in the column's
+        name, else s.
     full_duty : float, optional
         The number that stands for full duty; by default the largest one if it
         stays while the position error grows, else the next of 1, 100, 885, 1000 and
@@ -182,7 +199,8 @@ def read_servo_logs(
     Raises
     ------
     RecordingError
-        If a file cannot be read, or lacks a position or a goal.
+        If an option has another value, a file cannot be read, or lacks a position or a
+        goal.
     """
     return read_servo_sets(
         paths,
@@ -210,7 +228,7 @@ def read_servo_sets(
     *,
     columns: Mapping[str, str] | None = None,
     units: str = "rad",
-    zero: Sequence[float] | None = None,
+    zero: ArrayLike | None = None,
     times: str | None = None,
     full_duty: float | None = None,
 ) -> ServoSets:
@@ -224,6 +242,7 @@ def read_servo_sets(
     RecordingError
         As `read_servo_logs`, or if a file is given twice.
     """
+    times = _checked_options(joints, columns or {}, units, times, full_duty)
     sets = [[Path(path) for path in paths] for paths in (training, validation)]
     names = _log_names([file for files in sets for file in files])
     raw = [
@@ -251,22 +270,42 @@ def read_servo_sets(
     return ServoSets(made(sets[0], raw[0]), made(sets[1], raw[1]))
 
 
+def _checked_options(
+    joints: Sequence[str],
+    columns: Mapping[str, str],
+    units: str,
+    times: str | None,
+    full_duty: float | None,
+) -> str | None:
+    """Refuse values that options do not have; return the unit of the time."""
+    if not joints:
+        raise RecordingError("no joint is given: name the joints of the servos")
+    require_known([units], UNITS, "units: no unit", RecordingError)
+    require_known(columns, ROLES, "columns: no role", RecordingError)
+    if full_duty is not None:
+        full = checked(full_duty, (), "full_duty", RecordingError)
+        if full <= 0.0:
+            raise RecordingError(f"full_duty is {full}, expected a positive number")
+    return None if times is None else standard_unit("time", times)
+
+
 def _zero(
     name: str,
     arrays: Mapping[str, Array],
     units: str,
-    zero: Sequence[float] | None,
+    zero: ArrayLike | None,
     joints: int,
 ) -> Vector:
     """Return the positions in a log at which the robot's are zero, shape (joints,)."""
     position = arrays["position"]
     if zero is not None:
-        if len(zero) not in (1, joints):
+        given = checked(np.atleast_1d(zero), (None,), "zero", RecordingError)
+        if len(given) not in (1, joints):
             raise RecordingError(
-                f"zero has {len(zero)} numbers, expected one, or one for each of "
+                f"zero has {len(given)} numbers, expected one, or one for each of "
                 f"{joints} joints"
             )
-        return np.broadcast_to(np.asarray(zero, dtype=np.float64), joints)
+        return np.broadcast_to(given, joints)
     least, most = float(np.nanmin(position)), float(np.nanmax(position))
     if units == "ticks" and least >= 0.0 and most >= _MIDDLE:
         raise RecordingError(
@@ -323,7 +362,7 @@ def _read(
     """Return the roles' arrays, each shape (samples, joints); of time (samples,)."""
     names = column_names(file)
     found: dict[str, list[str]] = {}
-    for role in ("time", "position", "goal", *list(_ROLES)[:-1]):
+    for role in ROLES:
         if role in stated:
             given = [stated[role].replace("{joint}", joint) for joint in joints]
             found[role] = given[:1] if role == "time" else given
@@ -337,17 +376,27 @@ def _read(
     _require_own_columns(file, found)
     wanted = list(dict.fromkeys(name for given in found.values() for name in given))
     arrays = read_parts(reader_of(file), file, wanted, UsedRows())
+    samples = max(arrays[found["time"][0]].shape, default=0)
+    vectors = {
+        name: _vector(arrays[name], samples, f"{file}: {name}") for name in wanted
+    }
     made = {
-        role: np.column_stack([np.asarray(arrays[name], float) for name in given])
+        role: np.column_stack([vectors[name] for name in given])
         for role, given in found.items()
         if given
     }
     return made | {"time": _in_seconds(found["time"][0], made["time"][:, 0], times)}
 
 
+def _vector(values: Array, samples: int, where: str) -> Vector:
+    """Return one number for each sample; flags are 1 and 0."""
+    column = values.reshape(-1) if values.size == samples else values
+    return checked(column, (samples,), where, RecordingError, finite=False)
+
+
 def _in_seconds(name: str, time: Vector, stated: str | None) -> Vector:
     """Return times in seconds, of the stated unit, or of the one in their name."""
-    return time * KNOWN["time"].get(stated or unit_of_a_name("time", name) or "s", 1.0)
+    return time * KNOWN["time"][stated or unit_of_a_name("time", name) or "s"]
 
 
 def _found(role: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:

@@ -207,7 +207,7 @@ def test_rows_are_read_from_anywhere(log, form):
 
 
 def test_rows_of_a_text_that_is_not_tidy_are_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr("consistent_id.recordings.readers.csv._PIECE", 64)
+    monkeypatch.setattr("consistent_id.recordings.readers.table_text.PIECE", 64)
     lines = [f"{k},{k},{2 * k}" for k in range(40)]
     text = "# a log\ntime,q_a,tau_a\n" + "\n".join(lines[:20]) + "\n\r\n\n"
     (tmp_path / "log.csv").write_text(text + "\r\n".join(lines[20:]))

@@ -309,7 +309,7 @@ FAULTY = {
     "jump": ("x.json", document(fourier(), kind="move"), "x.json: move: velocity"),
     "no zip": ("x.npz", "text", "not readable as NPZ"),
     "csv": ("x.csv", "time,q_a\n0,0\n1,1\n", "expected time and, of each joint"),
-    "empty csv": ("x.csv", "", "expected time and"),
+    "empty csv": ("x.csv", "", "no column or array of numbers"),
     "csv value": (
         "x.csv",
         "time,q_a,dq_a,ddq_a\n0,1,x,1\n",

@@ -11,6 +11,7 @@ from consistent_id.problems.robot_logs import robot_logs
 from consistent_id.recordings.channel_clocks import own_clock, stem_of_clock
 from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.column_proposals import KnownColumns
+from consistent_id.recordings.readers import read_recording
 
 JOINTS = ("a", "b")
 TIME = np.arange(50) * 0.01
@@ -40,8 +41,16 @@ def write(folder, kind, shift, rows=50):
     return path
 
 
-@pytest.mark.parametrize("kind", ["npz", "hdf5", "csv"])
-@pytest.mark.parametrize(("shift", "rows"), [(0.3, 50), (0.0, 40)])
+@pytest.mark.parametrize(
+    ("kind", "shift", "rows"),
+    [
+        ("npz", 0.3, 50),
+        ("hdf5", 0.3, 50),
+        ("csv", 0.3, 50),
+        ("npz", 0.0, 40),
+        ("hdf5", 0.0, 40),
+    ],
+)
 def test_a_torque_of_another_clock_is_not_read_as_if_of_the_positions(
     tmp_path, kind, shift, rows
 ):
@@ -63,6 +72,57 @@ def test_equal_clocks_are_one(tmp_path, kind):
         assert guess_columns(path, KnownColumns(JOINTS, channels)).columns.torque
     else:
         assert guess_columns(path, KnownColumns(JOINTS)).columns.torque
+
+
+TABLE = {"time": TIME, "q1": Q[:, 0], "tau1": Q[:, 0], "q2": Q[:, 1], "tau2": Q[:, 1]}
+
+
+def columns(folder, channels=None, **more):
+    """Return the columns that are found in a log of arrays."""
+    np.savez(folder / "log.npz", **{n: v for n, v in (TABLE | more).items() if len(v)})
+    return guess_columns(folder / "log.npz", KnownColumns(JOINTS, channels or {}))
+
+
+@pytest.mark.parametrize("stated", [{}, {"time": "time"}, {"time": "100Hz"}])
+def test_clocks_beside_a_common_one_do_not_matter(tmp_path, stated):
+    found = columns(tmp_path, stated, t_q=TIME, t_tau=TIME + 0.3).columns
+    assert found.time == stated.get("time", "time")
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        np.where(TIME == TIME[7], np.nan, TIME),  # a missing stamp
+        np.full(50, 25.0),  # a temperature
+        np.array([0.0, 0.5]),  # a range
+        np.array(["ok"] * 50),
+        np.array([0.01]),
+    ],
+)
+def test_only_another_clock_is_refused(tmp_path, other):
+    found = columns(tmp_path, {"time": "t_q"}, time=[], t_q=TIME, t_tau=other)
+    assert found.columns.time == "t_q"
+
+
+def test_a_text_is_no_clock(tmp_path):
+    found = columns(tmp_path, time=[], t_q=TIME, t_tau=np.array(["ok"] * 50))
+    assert found.columns.time == "t_q"
+
+
+def test_all_columns_may_be_stated_to_be_of_one_clock(tmp_path):
+    stated = {"time": "t_q"}
+    with pytest.raises(RecordingError, match="state the columns, too: --time t_q"):
+        columns(tmp_path, stated, time=[], t_q=TIME, t_tau=TIME + 0.3)
+    stated |= {"position": "q{number}", "torque": "tau{number}"}
+    assert columns(tmp_path, stated, time=[], t_q=TIME, t_tau=TIME + 0.3)
+
+
+def test_missing_stamps_do_not_make_another_clock(tmp_path):
+    """The rows without a torque are named when the log is read."""
+    path = write(tmp_path, "csv", 0.0, 40)
+    found = guess_columns(path, KnownColumns(JOINTS, {"time": "t_q"}))
+    with pytest.raises(RecordingError, match="tau1' is empty"):
+        read_recording(path, JOINTS, found.columns)
 
 
 def test_a_clock_has_a_part_of_its_channels_name():
@@ -88,7 +148,7 @@ def test_texts_are_no_clock_and_no_torque(tmp_path):
 
 def test_a_table_in_memory_has_one_clock_as_a_file(tmp_path):
     urdf, _ = write_arm(tmp_path)
-    table = {"time": TIME, "t_q": TIME, "t_tau": TIME + 0.3}
+    table = {"t_q": TIME, "t_tau": TIME + 0.3}
     for k in (1, 2):
         table |= {f"q{k}": Q[:, k - 1], f"tau{k}": Q[:, k - 1]}
     memory = {Path("table"): table}

@@ -90,7 +90,7 @@ def test_all_broken_rows_are_named_at_once_and_count_as_in_the_file(tmp_path):
 
 @pytest.mark.parametrize("piece", [2**22, 1000])
 def test_rows_read_in_pieces_are_left_out_alike(tmp_path, monkeypatch, piece):
-    monkeypatch.setattr("consistent_id.recordings.readers.csv._PIECE", piece)
+    monkeypatch.setattr("consistent_id.recordings.readers.table_text.PIECE", piece)
     path = _with(tmp_path, {3: "x,,1", 90: "0.89", 310: "x"})
     rows = LogRows(path, ("elbow",), COLUMNS)
     message, advised = _advised(lambda: np.concatenate(list(rows.times())))
@@ -237,3 +237,15 @@ def test_other_repeated_stamps_are_answered_with_the_first_of_them(time, positio
     with pytest.raises(RecordingError, match="must increase") as refused:
         Recording(("a",), time, position[:, None])
     assert refused.value.options == "--duplicates first"
+
+
+@pytest.mark.parametrize("stamp", ["nan", "inf", "1e9", "0.0"])
+def test_a_broken_stamp_is_answered_with_the_row_to_leave_out(tmp_path, stamp):
+    log = tmp_path / "log.csv"
+    rows = [f"{0.01 * k:.2f},{k}" for k in range(40)]
+    rows[20] = f"{stamp},20"
+    log.write_text("\n".join(["time,q", *rows]))
+    with pytest.raises(RecordingError, match="leave it out: --omit 21") as caught:
+        read_recording(log, ["a"], Columns(position="q"))
+    assert caught.value.options == "--omit 21"
+    assert len(read_recording(log, ["a"], Columns(position="q"), omit=[21])) == 39

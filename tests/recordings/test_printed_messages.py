@@ -11,7 +11,7 @@ from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.readers import read_recording
 from consistent_id.recordings.readers.csv import read_arrays
 from consistent_id.recordings.readers.recording_file import column_names
-from consistent_id.recordings.readers.yaml_messages import fields_of
+from consistent_id.recordings.readers.yaml_messages import MessageError, fields_of
 
 JOINTS = ("shoulder", "elbow")
 PRINTED = ("elbow", "shoulder")  # ROS sorts names
@@ -268,3 +268,100 @@ def test_names_of_yaml_are_of_the_lists_beside_them_first():
         "tcp.position[0]": "3",
         "tcp.position[1]": "4",
     }
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        ("note: |\n  q: 1\n  - 2\nq: 5", {"q": "5"}),
+        ("note: >-\n  some\n\n  words\nq: 5", {"q": "5"}),
+        ("note: 'a: b\n\n- c'\nq: 5", {"q": "5"}),
+        ("note: a text\n  of two lines\nq: 5", {"q": "5"}),
+        ("q: 5  # rad", {"q": "5"}),
+        ("'joint 1': 5\nand this: 6", {"joint 1": "5", "and this": "6"}),
+        ("q: [1.0,\n  2.0]\nt: 3", {"q[0]": "1.0", "q[1]": "2.0", "t": "3"}),
+        ("q: [[1, 2], [3]]", {"q[0][0]": "1", "q[0][1]": "2", "q[1][0]": "3"}),
+        ("s: {q: 1, u: [2, 3]}\nt: 4", {"s.q": "1", "s.u[0]": "2", "s.u[1]": "3"}),
+        ("q:\n- - 1\n  - 2\n- - 3", {"q[0][0]": "1", "q[0][1]": "2", "q[1][0]": "3"}),
+        ("q:\n-\n  a: 1\n-\n  a: 2", {"q[0].a": "1", "q[1].a": "2"}),
+        ("q: null\nu: .inf", {"q": "nan", "u": "inf"}),
+    ],
+)
+def test_what_stands_behind_a_text_is_read(text, fields):
+    """It was left out, in silence, and so was what stands in brackets in brackets."""
+    found = fields_of("a:\n    b: 1\n" + text + "\nlast:\n- 9\n")
+    assert found["a.b"] == "1"
+    assert found["last[0]"] == "9"
+    assert found.items() >= fields.items()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "q:\n    a: 1\n  b: 2",
+        "q:\n  - 1\n   - 2",
+        "q: 5\n  b: 6",
+        "q: [1, 2",
+        "q: [1]]",
+        "words",
+        "- 5",
+    ],
+)
+def test_a_line_that_is_not_understood_is_an_error(text):
+    with pytest.raises(MessageError):
+        fields_of("a: 1\n" + text + "\nlast: 9\n")
+
+
+def states(count=40):
+    return [
+        f"header:\n  stamp:\n    sec: {k}\n    nanosec: 5\njoint_names: [a, b]\n"
+        f"actual:\n  positions:\n  - {k}.25\n  - 2.5\n"
+        for k in range(count)
+    ]
+
+
+def column(path, name="actual.positions.a"):
+    return read_arrays(path, [name])[name].tolist()
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+@pytest.mark.parametrize("end", [-1, -2, -6, -12, -30])
+def test_a_last_message_that_is_cut_off_is_left_out(tmp_path, end, newline):
+    """With its last number cut off, 2.5 was 2."""
+    path = tmp_path / "log.yaml"
+    text = "---\n".join(states())[: end or None]
+    path.write_bytes(text.replace("\n", newline).encode())
+    assert column(path) == [k + 0.25 for k in range(39)]
+
+
+LOST = "A message was lost!!!\n\ttotal count change:1\n\ttotal count: 1---\n"
+UNPUBLISHED = "WARNING: topic [/state] does not appear to be published yet\n"
+
+
+def test_notices_between_messages_are_passed_over(tmp_path):
+    """``ros2 topic echo`` prints them, and the next message was left out."""
+    parts = states()
+    parts[0] = UNPUBLISHED + parts[0]
+    parts[7] = LOST + parts[7]
+    path = tmp_path / "log.yaml"
+    path.write_text("---\n".join(parts))
+    assert column(path) == [k + 0.25 for k in range(40)]
+
+
+def test_a_message_that_is_not_understood_is_named(tmp_path):
+    parts = states()
+    parts[3] = parts[3].replace("  - 2.5", "   - 2.5")
+    path = tmp_path / "log.yaml"
+    path.write_text("---\n".join(parts))
+    with pytest.raises(RecordingError, match=r"log\.yaml: not readable .* message 4"):
+        column_names(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("a.yml", "robot: arm\nrate: 5\n"), ("a.xml", "<log/>")],
+)
+def test_other_files_of_yaml_and_xml_are_no_logs(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(RecordingError, match="no messages as ros2 topic echo"):
+        column_names(tmp_path / name)

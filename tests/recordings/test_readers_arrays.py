@@ -428,3 +428,36 @@ def test_columns_of_one_array_are_numbered(tmp_path, lying):
     np.save(tmp_path / "log.npy", table.T if lying else table)
     log = read_recording(tmp_path / "log.npy", ["a"], Columns("column1", "column3"))
     np.testing.assert_array_equal(log.position[:, 0], np.cos(t))
+
+
+def test_a_flag_among_numbers_of_json_is_missing(tmp_path):
+    """It was 1.0, in silence; lists of flags are flags."""
+    path = tmp_path / "log.json"
+    path.write_text(
+        '{"time": [0, 1, 2], "q": [0.5, true, 0.7], "on": [true, false, true]}'
+    )
+    with pytest.raises(RecordingError, match="nan at sample 1") as refused:
+        read_recording(path, ["a"], Columns(position="q"))
+    assert refused.value.options == "--missing omit"
+    with pytest.raises(RecordingError, match="'on' holds bool"):
+        read_recording(path, ["a"], Columns(position="on"))
+
+
+def test_numbers_that_are_nan_as_python_writes_them_are_read(tmp_path):
+    path = tmp_path / "log.json"
+    path.write_text(json.dumps({"time": [0, 1, 2], "q": [0.5, float("nan"), 0.7]}))
+    assert "NaN" in path.read_text()
+    columns = Columns(position="q")
+    log = read_recording(path, ["a"], columns, missing="omit")
+    assert log.position.ravel().tolist() == [0.5, 0.7]
+
+
+def test_records_in_lines_are_read_whatever_the_ending(tmp_path):
+    lines = [json.dumps({"time": k, "q": 0.5 * k}) for k in range(3)]
+    for name in ("log.json", "log.jsonl"):
+        (tmp_path / name).write_text("\n".join(lines))
+        log = read_recording(tmp_path / name, ["a"], Columns(position="q"))
+        assert log.position.ravel().tolist() == [0.0, 0.5, 1.0]
+    (tmp_path / "log.jsonl").write_text("\n".join(lines)[:-3])
+    with pytest.raises(RecordingError, match=r"line 3: .* cut off: delete it"):
+        read_recording(tmp_path / "log.jsonl", ["a"], Columns(position="q"))

@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import log_format
-from consistent_id.recordings.readers import Columns, csv, read_recording
+from consistent_id.recordings.readers import (
+    Columns,
+    csv,
+    read_recording,
+    table_text,
+)
 from consistent_id.recordings.readers.used_rows import UsedRows
 
 REPEATABLE = settings(derandomize=True, deadline=None, max_examples=60)
@@ -170,7 +175,9 @@ def test_other_encodings_are_read_and_said(tmp_path, monkeypatch, encoding, said
     assert len(csv.notes(path)) == said
     whole = csv.read_arrays(path, names)
     assert whole["q elbow [°]"].tolist() == [90.0, 180.0, 270.0]
-    monkeypatch.setattr(csv, "_PIECE", 20)  # with the first letter that is not ASCII
+    monkeypatch.setattr(
+        table_text, "PIECE", 20
+    )  # with the first letter that is not ASCII
     pieces = list(csv.read_batches(path, names, 1))
     assert np.concatenate([p["temps"] for p in pieces]).tolist() == [1.0, 2.0]
 
@@ -509,8 +516,34 @@ def test_a_broken_last_row_is_left_out_by_the_option_that_is_named(tmp_path):
     assert refused.value.options == "--omit 4"
 
 
-def test_true_and_false_are_one_and_zero(tmp_path):
+def test_a_column_of_true_and_false_is_one_of_flags(tmp_path):
     """As pandas writes flags, such as the torque enable of a servo."""
     log = tmp_path / "log.csv"
     log.write_text("time,q,enabled\n0,1,True\n1,2,False\n2,3,true\n")
-    assert csv.read_arrays(log, ["enabled"])["enabled"].tolist() == [1.0, 0.0, 1.0]
+    assert csv.read_arrays(log, ["enabled"])["enabled"].tolist() == [True, False, True]
+    (batch,) = csv.read_batches(log, ["time", "enabled"], 1)
+    assert batch["enabled"].tolist() == [False, True]
+    with pytest.raises(RecordingError, match="'enabled' holds bool, expected numbers"):
+        read_recording(log, ["a"], Columns(position="enabled"))
+
+
+def test_missing_flags_are_numbers(tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text("time,q,enabled\n0,1,True\n1,2,\n2,3,false\n")
+    flags = csv.read_arrays(log, ["enabled"], missing="omit")["enabled"]
+    np.testing.assert_equal(flags, [1.0, np.nan, 0.0])
+
+
+@pytest.mark.parametrize("word", ["true", "False"])
+def test_a_flag_among_numbers_is_a_fault(tmp_path, word):
+    """It was read as 1.0, in silence."""
+    log = tmp_path / "log.csv"
+    log.write_text(f"time,q\n0,1\n1,{word}\n2,3\n3,4\n")
+    with pytest.raises(
+        RecordingError, match=r"row 2 \(line 3\), column 'q'"
+    ) as refused:
+        read_recording(log, ["a"], Columns(position="q"))
+    assert f"{word!r} is not a number" in str(refused.value)
+    assert refused.value.options == "--omit 2"
+    log = read_recording(log, ["a"], Columns(position="q"), omit=[2])
+    assert log.position.ravel().tolist() == [1.0, 3.0, 4.0]

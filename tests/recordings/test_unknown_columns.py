@@ -9,7 +9,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.column_words import is_bare
-from consistent_id.recordings.readers import csv, read_recording
+from consistent_id.recordings.readers import Columns, csv, read_recording
 from consistent_id.recordings.unknown_columns import joints_of_wide
 
 JOINTS = ("pan", "lift")
@@ -254,3 +254,40 @@ def test_a_log_with_a_clock_alone_is_answered(tmp_path):
     path = tmp_path / "log.npz"
     np.savez(path, time=TIME)
     assert options_of(path, channels={"time": "100Hz"}) == ""
+
+
+def test_a_log_of_a_clock_alone_has_no_position(tmp_path):
+    np.savez(tmp_path / "log.npz", time=TIME)
+    with pytest.raises(RecordingError, match="no column that is the position"):
+        guess_columns(tmp_path / "log.npz", KnownColumns(JOINTS, {"time": "100Hz"}))
+
+
+def test_numbers_are_no_columns(tmp_path):
+    np.savez(tmp_path / "log.npz", q=1.0, tau=2.0)
+    stated = {"time": "100Hz", "position": "q", "torque": "tau"}
+    with pytest.raises(RecordingError, match=r"'q' has shape \(\)"):
+        read_recording(tmp_path / "log.npz", JOINTS[:1], Columns(**stated))
+
+
+@pytest.mark.parametrize("clock", ["time", "t_q"])
+def test_texts_beside_a_channel_are_not_read(tmp_path, clock):
+    said = np.array(["ok"] * len(TIME))
+    path = tmp_path / "log.npz"
+    arrays = {"q": Q, "tau": TAU, "t_tau": said, "tau_raw": np.array([["a", "b"]])}
+    np.savez(path, **{clock: TIME}, **arrays)
+    assert_is_read(read_recording(path, JOINTS, columns_of(path)))
+
+
+def columns_of(path):
+    return guess_columns(path, KnownColumns(JOINTS, {})).columns
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("a.yaml", ""), ("a.json", "{}"), ("a.csv", "\n"), ("a.json", '{"x": [1, {}]}')],
+)
+def test_a_file_without_columns_is_no_log(tmp_path, name, text):
+    """The message said, the log has ., with a rate to state."""
+    (tmp_path / name).write_text(text)
+    with pytest.raises(RecordingError, match="no column or array of numbers"):
+        columns_of(tmp_path / name)

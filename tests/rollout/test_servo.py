@@ -250,6 +250,72 @@ def test_times_of_a_servo_are_in_the_unit_of_their_name_or_as_stated(
     assert np.allclose(read.time, log.time)
 
 
+@pytest.mark.parametrize(("unit", "period"), [("day", 1e-2 / 86400), ("100ns", 1e5)])
+def test_the_unit_of_the_time_that_a_message_proposes_is_accepted(
+    file, tmp_path, unit, period, capsys
+):
+    """``--times day`` was proposed, and refused."""
+    rows = 6.0e17 / period if unit == "100ns" else 45000.0 / period
+    path = table_log(tmp_path / "a.csv", {"q": 0.0, "cmd": 0.0}, period=period)
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    table[:, 0] += period * np.round(rows)
+    np.savetxt(path, table, "%.18g", delimiter=",", header="t,q,cmd", comments="")
+    with pytest.raises(RecordingError, match="median time between") as caught:
+        read_servo_logs([path], ("servo",))
+    assert caught.value.options == f"--times {unit}"
+    (log,) = read_servo_logs([path], ("servo",), times=unit)
+    assert log.period == pytest.approx(1e-2, rel=1e-3)
+    words = ["servo", str(file), str(path), "--times", unit, "--dry-run"]
+    main(words)
+    said = capsys.readouterr().err
+    assert "--times" not in said
+    assert main([*words[:4], "fortnight"]) != 0
+    assert "no unit 'fortnight' of time" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ({"times": "millis"}, "no unit 'millis' of time"),
+        ({"units": "counts"}, "units: no unit 'counts'"),
+        ({"zero": "middle"}, "zero: expected numbers"),
+        ({"zero": [[0.0, 1.0]]}, r"zero: expected shape \(any\)"),
+        ({"zero": np.nan}, "zero: entry"),
+        ({"full_duty": 0.0}, "full_duty is 0.0, expected a positive number"),
+        ({"full_duty": "all"}, "full_duty: expected numbers"),
+        ({"columns": {"torque": "q"}}, "columns: no role 'torque'"),
+        ({"columns": {"position": "angle"}}, "angle"),
+    ],
+)
+def test_options_with_other_values_are_refused(tmp_path, option, said):
+    """Times in ``millis`` were read as seconds, in silence."""
+    path = table_log(tmp_path / "a.csv", {"q": 0.0, "cmd": 0.0})
+    with pytest.raises(RecordingError, match=said):
+        read_servo_logs([path], ("j",), **option)
+
+
+def test_one_zero_may_be_a_number(tmp_path):
+    path = table_log(tmp_path / "a.csv", {"q": 2048.0, "cmd": 2048.0})
+    (log,) = read_servo_logs([path], ("j",), units="ticks", zero=2048)
+    assert not log.position.any()
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("q", np.array(["a"] * 30), "q: expected numbers"),
+        ("q", np.zeros(29), r"q: expected shape \(30\)"),
+        ("q", np.zeros((30, 2)), r"q: expected shape \(30\)"),
+        ("pwm", np.zeros(1), r"pwm: expected shape \(30\)"),
+    ],
+)
+def test_arrays_that_are_no_columns_are_refused(tmp_path, name, values, said):
+    arrays = {"t": 0.01 * np.arange(30), "q": np.zeros(30), "cmd": np.zeros(30)}
+    np.savez(tmp_path / "a.npz", **(arrays | {name: values}))
+    with pytest.raises(RecordingError, match=said):
+        read_servo_logs([tmp_path / "a.npz"], ("j",))
+
+
 def test_each_joint_of_an_arm_has_its_own_columns(tmp_path):
     path = tmp_path / "arm.csv"
     names = "t,action.b,action.a,state.b,state.a,voltage"

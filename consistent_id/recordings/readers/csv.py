@@ -9,16 +9,18 @@ and the column of each fault.
 
 import csv
 import io
+import re
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 from math import nan
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix
+from consistent_id._support.arrays import Array, Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.header_lines import (
@@ -27,16 +29,20 @@ from consistent_id.recordings.readers.header_lines import (
     with_one_header,
 )
 from consistent_id.recordings.readers.long_tables import (
-    as_wide,
     may_be_long,
     order_of,
 )
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.parquet import numbers_of
 from consistent_id.recordings.readers.printed_messages import (
-    as_table,
-    is_printed,
     named_columns,
+)
+from consistent_id.recordings.readers.table_text import (
+    PIECE,
+    pieces_of_lines,
+    readable,
+    table_text,
+    text_head,
 )
 from consistent_id.recordings.readers.text_files import (
     SEPARATORS,
@@ -46,25 +52,29 @@ from consistent_id.recordings.readers.text_files import (
 )
 from consistent_id.recordings.readers.text_numbers import (
     DateOrder,
+    columns_of_flags,
     date_order,
     decimal_mark,
+    flag,
     is_number,
     number,
 )
 from consistent_id.recordings.readers.used_rows import (
     MISSING_ADVICE,
     OMIT_MISSING,
+    EmptyTableError,
+    FaultyRowsError,
     Missing,
     UsedRows,
     omit_advice,
 )
 
 _HEAD = 2**14  # characters that show whether there are dates
-_PIECE = 2**22  # characters of text that are read at a time
 _WITHOUT_NAMES = "column"
 _SI = {*SI_WORDS, "", "-", "1"}
 _OF_SI = ": values are read in s, rad, m, N m and N"
 _NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
+_FLAG = re.compile(r"\b(?:true|false)\b", re.IGNORECASE)
 _NOTHING = {"", "NA", "N/A", "NULL", "null", "None"}  # fields of missing values
 
 
@@ -101,6 +111,30 @@ class _CsvHeader:
     rewritten: bool = False
 
 
+class _Values(NamedTuple):
+    """Columns of a table.
+
+    Parameters
+    ----------
+    numbers : ndarray, shape (rows, columns)
+    flags : sequence of int
+        Places of the columns that are flags, 1 and 0.
+    """
+
+    numbers: Matrix
+    flags: Sequence[int] = ()
+
+    def arrays(self, names: Sequence[str], first: int = 0) -> Arrays:
+        """Return the columns from a row on; flags are boolean if none is missing."""
+        columns: dict[str, Array] = dict(
+            zip(names, self.numbers[first:].T, strict=True)
+        )
+        for name in (names[place] for place in self.flags):
+            if not np.isnan(columns[name]).any():
+                columns[name] = columns[name].astype(np.bool_)
+        return columns
+
+
 def read_arrays(
     path: Path,
     names: Sequence[str],
@@ -126,14 +160,14 @@ def read_arrays(
     RecordingError
         If the file is not such a text; with the row and the column of the first fault.
     """
-    with _readable(path):
-        text, rewritten = _rewritten(path)
+    with readable(path):
+        text, rewritten = table_text(path)
         header = replace(_header(path, text, names), rewritten=rewritten)
         if date_order(text[:_HEAD]) != DateOrder():
             header = replace(header, day_first=date_order(text).day_first)
         rows = UsedRows(omit, missing=missing)
         values = _values(path, text[header.end :], header, names, rows)
-    return dict(zip(names, values.T, strict=True))
+    return values.arrays(names)
 
 
 def read_batches(
@@ -147,12 +181,12 @@ def read_batches(
         As `read_arrays`.
     """
     header = None
-    with _readable(path):
-        for text in _pieces_of_lines(path):
+    with readable(path):
+        for text in pieces_of_lines(path):
             if header is None:
                 header = _header(path, text, names)
                 if date_order(text[:_HEAD]) != DateOrder():
-                    whole = date_order(_text(path))
+                    whole = date_order(table_text(path).text)
                     header = replace(header, day_first=whole.day_first)
                 text = text[header.end :]
             lines = text.count("\n")
@@ -161,34 +195,21 @@ def read_batches(
                 rows = 0
             elif rows > first or _has_other_lines(text):
                 values = _values(path, text, header, names, UsedRows(omit))
-                rows = len(values)
+                rows = len(values.numbers)
                 if first < rows:
-                    yield dict(zip(names, values[first:].T, strict=True))
+                    yield values.arrays(names, first)
             first = max(first - rows, 0)
             header = replace(header, line=header.line + lines, rows=header.rows + rows)
 
 
-@contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Refuse what is no text of rows."""
-    try:
-        yield
-    except UnicodeDecodeError as cause:
-        raise RecordingError(
-            f"{path}: not readable as CSV: {cause}. Save the file as UTF-8"
-        ) from None
-    except csv.Error as cause:
-        raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
-
-
 def notes(path: Path) -> tuple[str, ...]:
     """Return sentences on the encoding if it is not UTF-8, and on a missing header."""
-    head = _head(path)
+    head = text_head(path)
     said = [*encoding_notes(path), *header_note(head, path.name)]
     if date_order(head[:_HEAD]) != DateOrder():
-        said += filter(None, [date_order(_text(path)).said])
+        said += filter(None, [date_order(table_text(path).text).said])
     if may_be_long(one := with_one_header(head)):
-        whole = one if len(head) < _PIECE else path.read_text(encoding_of(path))
+        whole = one if len(head) < PIECE else path.read_text(encoding_of(path))
         if (order := order_of(with_one_header(whole))) is not None:
             said.append(order.sentence(path.name))
     if lacks_names(names := array_names(path)):
@@ -211,46 +232,6 @@ def lacks_names(names: Sequence[str]) -> bool:
     return len(names) > 1 and tuple(names) == tuple(numbered)
 
 
-def _text(path: Path) -> str:
-    """Return a file's text as a table: also printed messages and long tables."""
-    return _rewritten(path)[0]
-
-
-def _rewritten(path: Path) -> tuple[str, bool]:
-    """Return a file's text as a table, and whether its rows are not those of lines."""
-    text = path.read_bytes().decode(encoding_of(path))
-    if printed := is_printed(text):
-        text = as_table(text)
-    one = with_one_header(text)
-    wide = as_wide(one)
-    return wide, printed or wide is not one
-
-
-def _head(path: Path) -> str:
-    """Return the first piece of a text as it is written."""
-    with path.open(encoding=encoding_of(path), newline="") as file:
-        return file.read(_PIECE)
-
-
-def _pieces_of_lines(path: Path) -> Iterator[str]:
-    """Yield a file's text in pieces of whole lines; others as `_text`."""
-    rest, first = "", True
-    with path.open(encoding=encoding_of(path), newline="") as file:
-        while piece := file.read(_PIECE):
-            if first:
-                piece = with_one_header(piece)
-            if first and (is_printed(piece) or may_be_long(piece)):
-                yield _text(path)
-                return
-            first = False
-            whole, newline, end = (rest + piece).rpartition("\n")
-            rest = end
-            if newline:
-                yield whole + newline
-    if rest:
-        yield rest
-
-
 def _has_other_lines(text: str) -> bool:
     """Return whether there may be lines that are not rows, or rows of several lines."""
     return text[:1] in "\r\n" or any(t in text for t in ("\n\n", "\n\r", '"'))
@@ -263,8 +244,8 @@ def array_names(path: Path) -> tuple[str, ...]:
     numbered from 1.
     """
     try:
-        with _readable(path):
-            first, above = _headers(next(_pieces_of_lines(path), ""))
+        with readable(path):
+            first, above = _headers(next(pieces_of_lines(path), ""))
     except OSError as cause:
         raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
     names, comment = (
@@ -369,8 +350,8 @@ def _values(
     header: _CsvHeader,
     names: Sequence[str],
     used: UsedRows,
-) -> Matrix:
-    """Return the named columns of the rows below a header, shape (rows, names)."""
+) -> _Values:
+    """Return the named columns of the rows below a header."""
     lines = body.rstrip().count("\n") + 1
     if header.repeated and body.count(header.repeated) < lines:
         raise RecordingError(
@@ -385,7 +366,7 @@ def _values(
     values = _fast(body, header, places, used.missing)
     if values is None:
         return _exact(path, body, header, places, used)
-    return values
+    return _Values(values)
 
 
 def _fast(
@@ -434,15 +415,20 @@ def _exact(
     header: _CsvHeader,
     places: Sequence[int],
     used: UsedRows,
-) -> Matrix:
+) -> _Values:
     """Return the columns as the csv module reads them, NaN in rows to omit."""
-    reader = csv.reader(
-        io.StringIO(body, newline=""),
-        delimiter=header.separator,
-        skipinitialspace=True,
-    )
+    read = partial(csv.reader, delimiter=header.separator, skipinitialspace=True)
+    reader = read(io.StringIO(body, newline=""))
     mark = "." if header.separator == "," else None
     lenient, day_first = used.missing == "omit", header.day_first
+    flags = list[int]()
+    if _FLAG.search(body) is not None:
+        below = filter(None, read(io.StringIO(body, newline="")))
+        flags = columns_of_flags(
+            [fields[place] for place in places]
+            for row, fields in enumerate(below, header.rows + 1)
+            if row not in used.omit and len(fields) == len(header.names)
+        )
     rows: list[list[float | None]] = []
     first, broken, lacking = "", list[int](), True
     for fields in filter(None, reader):
@@ -455,8 +441,10 @@ def _exact(
             cells = [fields[k] for k in places]
             mark = mark or decimal_mark(cells)
             row = [
-                nan if lenient and cell in _NOTHING else number(cell, mark, day_first)
-                for cell in cells
+                nan
+                if lenient and cell in _NOTHING
+                else (flag(cell) if k in flags else number(cell, mark, day_first))
+                for k, cell in enumerate(cells)
             ]
             if None in row:
                 column = header.names[places[row.index(None)]]
@@ -470,15 +458,21 @@ def _exact(
             broken.append(place)
         rows.append(row)
     if broken:
-        advice = omit_advice(broken, len(rows))
-        options = OMIT_MISSING * lacking
-        if advice and not lacking and (1 not in broken or first.endswith(_OF_SI)):
-            options = f"--omit {','.join(map(str, broken))}"
-        said = f"{first}{advice}{MISSING_ADVICE * lacking}"
-        raise RecordingError(said, options=options)
+        raise _faulty(first, broken, len(rows), lacking)
     if not rows:
-        raise RecordingError(f"{path}: no row below the header")
-    return np.array(rows, dtype=np.float64)
+        raise EmptyTableError(f"{path}: no row below the header")
+    return _Values(np.array(rows, dtype=np.float64), flags)
+
+
+def _faulty(
+    first: str, broken: Sequence[int], rows: int, lacking: bool
+) -> FaultyRowsError:
+    """Return the error of the first faulty row, with the way to leave all out."""
+    advice = omit_advice(broken, rows)
+    options = OMIT_MISSING * lacking
+    if advice and not lacking and (1 not in broken or first.endswith(_OF_SI)):
+        options = f"--omit {','.join(map(str, broken))}"
+    return FaultyRowsError(first, f"{advice}{MISSING_ADVICE * lacking}", options)
 
 
 def _miscounted(fields: Sequence[str], header: _CsvHeader) -> str:

@@ -7,7 +7,10 @@ messages of joint states, and lists of objects with names are taken apart:
 numbers or times in all records are not an array.
 """
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +30,7 @@ _MOST_JOINTS = 100  # objects of a list that are joints; more are records
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
-    """Return the named arrays; NaN stands for null.
+    """Return the named arrays; NaN stands for null, and for flags among numbers.
 
     Raises
     ------
@@ -116,10 +119,31 @@ def _content(path: Path) -> Any:
     try:
         raw = path.read_bytes()
         if path.suffix.lower() in _LINES:
-            return msgspec.json.Decoder().decode_lines(raw)
-        return msgspec.json.decode(raw)
-    except (OSError, msgspec.DecodeError, RecursionError) as cause:
+            return _of_lines(raw)
+        try:
+            return msgspec.json.decode(raw)
+        except msgspec.DecodeError:
+            for read in (json.loads, _of_lines):  # NaN as Python writes it, and lines
+                with suppress(ValueError):
+                    return read(raw)
+            raise
+    except (OSError, msgspec.DecodeError, ValueError, RecursionError) as cause:
         raise RecordingError(f"{path}: not readable as JSON: {cause}") from None
+
+
+def _of_lines(raw: bytes) -> list[Any]:
+    """Return the values of a text with one in each line."""
+    with suppress(msgspec.DecodeError):
+        return msgspec.json.Decoder().decode_lines(raw)
+    found, lines = list[Any](), raw.splitlines()
+    for place, line in enumerate(lines, start=1):
+        try:
+            found += [json.loads(line)] if line.strip() else []
+        except ValueError as cause:
+            end = ". It is the last one, and may be cut off: delete it"
+            said = f"line {place}: {cause}{end * (place == len(lines) > 1)}"
+            raise ValueError(said) from None
+    return found
 
 
 def _leaves(
@@ -163,10 +187,15 @@ def _numbers(lists: Mapping[str, Any]) -> dict[str, np.ndarray]:
             values = [number(v, ".") if isinstance(v, str) else v for v in values]
         if not isinstance(values, list) or any(isinstance(v, str) for v in values):
             continue
+        kinds = {type(v) for v in values} - {type(None)}
+        if bool in kinds and kinds & {int, float}:
+            values = [nan if isinstance(v, bool) else v for v in values]
         try:
             array = np.array(values, dtype=np.float64)
         except (TypeError, ValueError):
             continue
         if array.ndim in (1, 2) and not np.isnan(array).all():
             found[name] = array
+            if kinds == {bool} and None not in values:
+                found[name] = array.astype(np.bool_)
     return found

@@ -216,11 +216,12 @@ def recording_of(
         broken = broken_samples(seconds, [*channels.values(), *beside.values()])
         numbers = rows.numbers
         numbers = np.arange(1, len(time) + 1) if numbers is None else numbers
-        advice = omit_advice(numbers[keep][broken].tolist(), len(seconds))
-        options = cause.options
+        faulty = numbers[keep][broken].tolist()
+        advice = omit_advice(faulty, len(seconds))
+        options = cause.options or f"--omit {','.join(map(str, faulty))}" * bool(advice)
         if any(np.isnan(values).any() for values in channels.values()):
             advice = f"{advice}{MISSING_ADVICE}"
-            options = f"{options} {OMIT_MISSING}".strip()
+            options = f"{cause.options} {OMIT_MISSING}".strip()
         raise RecordingError(f"{cause}{advice}", options=options) from None
     return recording
 
@@ -394,7 +395,8 @@ def parts_of(
 def _clock(name: str, arrays: Arrays, where: str, first: int) -> Vector:
     """Return a clock of two columns, or of a rate, from a row on."""
     if rate := rate_of(name):
-        rows = max(max(values.shape) for values in arrays.values())
+        sizes = [max(values.shape, default=0) for values in arrays.values()]
+        rows = max(sizes, default=0)
         return np.asarray((first + np.arange(rows)) / rate)
     whole, fraction = clock_columns(name)
     unit = fraction_unit(where, fraction)

@@ -12,8 +12,13 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
-from consistent_id.recordings.readers.yaml_messages import fields_of, is_float
+from consistent_id.recordings.readers.yaml_messages import (
+    MessageError,
+    fields_of,
+    is_float,
+)
 
 _CHANNELS = ("position", "velocity", "effort")
 _STAMP = ("header.stamp.sec", "header.stamp.nanosec")
@@ -22,7 +27,9 @@ _NAMED = re.compile(r"(?P<before>.*?)name(?P<after>[._\[]*)(?P<number>\d+)\]?$")
 _COUNTED = re.compile(r"[._\[]?\d+\]?$")  # the number that ends a name
 _INTEGER = re.compile(r"\d+")
 
-_YAML = re.compile(r"\A(?:---\s+)?header:\s*\n\s+(?:seq|stamp):", re.MULTILINE)
+_YAML = re.compile(r"^header:\s*\n\s+(?:seq|stamp):", re.MULTILINE)
+_MESSAGE = re.compile(r"^header:", re.MULTILINE)
+_NOTICES = 2_000  # characters of warnings above the first message, at most
 _XML = re.compile(r"\A\s*<(?P<root>Rob|Sen)\b[^>]*>")
 _LIST = re.compile(r"[\[(](?P<items>(?:[-+.,\deE\s]|nan|null|none|inf)*)[\])]", re.I)
 _LISTS = re.compile(r"[\[(]\s*[-+.\dni][^\[\]()]*[,\s][^\[\]()]*[\])]", re.I)
@@ -139,28 +146,44 @@ def is_element(text: str) -> bool:
     return _XML.match(text) is not None
 
 
+def _is_message(text: str) -> bool:
+    return bool(_YAML.search(text, 0, _NOTICES) or _XML.match(text))
+
+
 def is_printed(text: str) -> bool:
     """Return whether a text begins with a message, or has lists in its first row."""
-    if _YAML.match(text) or _XML.match(text):
+    if _is_message(text):
         return True
     return _LISTS.search(text, 0, _HEAD) is not None and bool(_widths(text))
 
 
+# A text is asked for its names, its notes and its values.
+@lru_cache(maxsize=1)
 def as_table(text: str) -> str:
     """Return messages of YAML or XML as a table with commas and a header.
 
-    Messages with other fields than most have are left out, such as a gripper's.  Lists
-    in cells become columns.
+    Messages with other fields than most have are left out, such as a gripper's, and a
+    last one that is cut off.  Lists in cells become columns.
+
+    Raises
+    ------
+    MessageError
+        If a line is not understood.
     """
-    if not (_YAML.match(text) or _XML.match(text)):
+    if not _is_message(text):
         return _without_lists(text)
     if (found := _XML.match(text)) is not None:
         parts = text.split(f"</{found['root']}>")
         rows = [_of_xml(part) for part in parts if "<" in part]
     else:
         parts = re.split(r"^---\s*$", text, flags=re.MULTILINE)
+        if len(parts) > 1 and not text.endswith("\n"):
+            parts.pop()  # its last number may be cut off
+        # Between messages, ``echo`` prints that one was lost, and warnings.
+        begins = [(_MESSAGE.search(part), part) for part in parts]
+        parts = [part[begin.start() :] for begin, part in begins if begin]
         rows = [row for part in parts for row in _of_yaml(part)]
-        rows = rows or [row for row in map(fields_of, parts) if row]
+        rows = rows or _of_fields(parts)
     sizes = Counter({frozenset(row): 0 for row in rows})
     for row in rows:
         sizes[frozenset(row)] += len(row)
@@ -262,6 +285,19 @@ def _of_yaml(text: str) -> Iterator[dict[str, str]]:
         if len(values) == len(joints):
             row |= {f"{channel}.{j}": v for j, v in zip(joints, values, strict=True)}
     yield row
+
+
+def _of_fields(parts: Sequence[str]) -> list[dict[str, str]]:
+    """Return the fields of each message; without the last one if it is cut off."""
+    rows = list[dict[str, str]]()
+    for place, part in enumerate(parts, start=1):
+        try:
+            rows.append(fields_of(part))
+        except MessageError as cause:
+            if place == len(parts) > 1:
+                break
+            raise MessageError(f"message {place}: {cause}") from None
+    return [row for row in rows if row]
 
 
 def _list(text: str, key: str) -> list[str]:

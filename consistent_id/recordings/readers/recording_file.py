@@ -205,6 +205,10 @@ def column_names(path: Path) -> tuple[str, ...]:
             f"(--position, --torque; in Python, Columns)"
         )
     names: tuple[str, ...] = reader_of(path).array_names(path)
+    if not any(names):
+        raise RecordingError(
+            f"{path}: no column or array of numbers: it is empty, or no table"
+        )
     return names
 
 

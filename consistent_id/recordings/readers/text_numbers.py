@@ -1,7 +1,7 @@
 """Numbers in text: decimal points or commas, durations, dates and times."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from typing import NamedTuple
 
@@ -24,8 +24,41 @@ _DURATION = re.compile(
 
 
 def is_number(cell: str) -> bool:
-    """Return whether a cell is a number, with a decimal point or a comma."""
+    """Return whether a cell is a flag or a number, with a decimal point or a comma."""
+    if flag(cell) is not None:
+        return True
     return number(cell, ".") is not None or number(cell, ",") is not None
+
+
+def flag(cell: str) -> float | None:
+    """Return 1 or 0 for a flag as pandas and MATLAB write it; None of other cells.
+
+    Examples
+    --------
+    >>> flag("True"), flag("false"), flag("1")
+    (1.0, 0.0, None)
+    """
+    return _FLAGS.get(cell.lower())
+
+
+def columns_of_flags(rows: Iterable[Sequence[str]]) -> list[int]:
+    """Return the columns that have flags, and no numbers.
+
+    A single flag in a column of numbers is a fault.
+
+    Examples
+    --------
+    >>> columns_of_flags([["0.5", "True", "1"], ["0.6", "", "false"]])
+    [1]
+    """
+    flags, numbers = set[int](), set[int]()
+    for row in rows:
+        for place, cell in enumerate(row):
+            if flag(cell) is not None:
+                flags.add(place)
+            elif is_number(cell):
+                numbers.add(place)
+    return sorted(flags - numbers)
 
 
 def decimal_mark(cells: Iterable[str]) -> str | None:
@@ -107,7 +140,7 @@ def number(cell: str, mark: str | None, day_first: bool = False) -> float | None
             return _seconds_of_date(cell)
         if _LOCAL.match(cell):
             return _seconds_of_local(cell, day_first)
-        return _FLAGS.get(cell.lower(), _duration(cell))
+        return _duration(cell)
 
 
 def _is_date(cell: str) -> bool:

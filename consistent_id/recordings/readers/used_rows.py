@@ -35,6 +35,24 @@ class NoValueError(RecordingError):
         self.said, self.channel = said, channel
 
 
+class EmptyTableError(RecordingError):
+    """A table has a header, and no row."""
+
+
+class FaultyRowsError(RecordingError):
+    """Rows of a table that cannot be read.
+
+    Parameters
+    ----------
+    said : str
+        The first fault, without advice.
+    """
+
+    def __init__(self, said: str, advice: str, options: str = "") -> None:
+        super().__init__(said + advice, options=options)
+        self.said = said
+
+
 class UsedRows(NamedTuple):
     """The rows of a log that a recording is made of.
 
