@@ -153,6 +153,6 @@ def test_a_table_in_memory_has_one_clock_as_a_file(tmp_path):
         table |= {f"q{k}": Q[:, k - 1], f"tau{k}": Q[:, k - 1]}
     memory = {Path("table"): table}
     with pytest.raises(RecordingError, match="their times differ"):
-        robot_logs(urdf, Path("table"), tables=memory)
+        robot_logs(urdf, Path("table"), Statement(time="t_q"), tables=memory)
     memory[Path("table")] = {**table, "t_tau": TIME}
-    robot_logs(urdf, Path("table"), tables=memory)
+    robot_logs(urdf, Path("table"), Statement(time="t_q"), tables=memory)
