@@ -380,10 +380,13 @@ def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
 def _with_free_clock(
     as_is: FactorLogs, found: Sequence[LogFinding]
 ) -> Sequence[LogFinding]:
-    """Put a clock that free bodies show in the place of factors that are no faults."""
+    """Add a clock that free bodies show; as a fault it takes the place of warnings."""
     if any(f.severity == "fault" for f in found):
         return found
-    return free_clock_findings(as_is) or found
+    clock = free_clock_findings(as_is)
+    if any(f.severity == "fault" for f in clock):
+        return [*clock, *(f for f in found if f.severity == "note")]
+    return [*clock, *(f for f in found if not clock or f.kind != "clock")]
 
 
 def _of_another_robot(

@@ -53,6 +53,7 @@ _STAND_INS = ("offset zero", "torque gain")  # faults that a wrong clock looks l
 _NEARLY = float(np.log(1.05))  # least logarithm of a speed that is compared with them
 _WIDEN = 1.5  # ratio of the steps of a search
 _HALVES = 6  # times that an interval is halved
+_LOOKS = 11  # speeds over the whole range at which a likely clock is looked for, too
 _HOPELESS = 0.25  # share of what a sure clock explains, below which none is looked for
 _FREE = 1e3  # times the widths of nominal bodies: these are free
 
@@ -130,12 +131,21 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
     """
     speeds = _Speeds(as_is)
     least = speeds.factor.least if least is None else least
-    low, size, high = _bracket(speeds.lost, least, FARTHEST["clock"])
+    most = FARTHEST["clock"]
+    low, size, high = _bracket(speeds.lost, least, most)
     # Of a parabola, some four fifths of what the best size explains.
     if speeds.explained(size) < _HOPELESS * SURE**2:
         return None
+    # The likelihood may have another maximum, far away on the other side.
+    grid = np.linspace(-most, most, _LOOKS)
+    far = int(np.argmin([speeds.lost(float(other)) for other in grid]))
+    if speeds.lost(float(grid[far])) < speeds.lost(size):
+        if far in (0, _LOOKS - 1):
+            return None  # the best one is farther away than speeds that are tried
+        low, size, high = (float(other) for other in grid[far - 1 : far + 2])
     size = _least(speeds.lost, low, size, high)
-    if abs(size) < least:
+    beyond = speeds.lost(float(np.copysign(most, size))) <= speeds.lost(size)
+    if abs(size) < least or beyond:
         return None
     error = speeds.error(size, 0.5 * least)
     free = replace(as_is, widths=_FREE * as_is.widths)
@@ -163,7 +173,7 @@ def _bracket(
     low, best, high = 0.0, side, _WIDEN * side + side
     while abs(high) < most and lost(high) < lost(best):
         low, best, high = best, high, high + _WIDEN * (high - best)
-    return low, best, high
+    return low, best, float(np.clip(high, -most, most))
 
 
 def _least(
@@ -207,7 +217,7 @@ def clock_instead(
     """
     if not all_faults_are(_STAND_INS, found):
         return list(found)
-    clock = _of_all(logs)
+    clock = _sure_clock(logs)
     if clock is None or misfit_with(clock, logs) >= misfit_without_shifts(logs):
         return list(found)
     left = (f for f in found if f.kind not in _STAND_INS)
@@ -216,12 +226,14 @@ def clock_instead(
 
 def misfit_without_clock(logs: Sequence[FittedLog]) -> float:
     """Return the misfit of all logs with a corrected clock; infinite without one."""
-    clock = _of_all(logs)
+    clock = _sure_clock(logs)
     return np.inf if clock is None else misfit_with(clock, logs)
 
 
 def misfit_with(clock: FoundFactor, logs: Sequence[FittedLog]) -> float:
-    """Return the misfit of all logs with a clock corrected; infinite if there is none.
+    """Return the misfit of all logs with a clock corrected.
+
+    It is infinite if no robot explains the corrected logs.
 
     Parameters
     ----------
@@ -242,7 +254,7 @@ def misfit_with(clock: FoundFactor, logs: Sequence[FittedLog]) -> float:
         return np.inf
 
 
-def _of_all(logs: Sequence[FittedLog]) -> FoundFactor | None:
+def _sure_clock(logs: Sequence[FittedLog]) -> FoundFactor | None:
     """Return the clock that logs show, however small it is, if it is sure."""
     model = logs[0].factors.model
     if len(model.torque_joints) < SEVERAL:

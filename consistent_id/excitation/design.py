@@ -32,7 +32,7 @@ from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.interest import base_for
 from consistent_id.excitation.search_problem import SearchProblem, search_problem
 from consistent_id.excitation.searches import Lanes
-from consistent_id.excitation.stages import DesignSearch, compared_paths
+from consistent_id.excitation.stages import COMPARED, DesignSearch, compared_paths
 from consistent_id.excitation.verification import FRICTION_SHARE, demands
 from consistent_id.excitation.work import Meter
 from consistent_id.motion.collisions.scene import Scene
@@ -45,7 +45,8 @@ from consistent_id.robot.model import RobotModel
 _log = logging.getLogger(__name__)
 
 _LEAST = 0.01  # rad or m; a joint that can move less is not excited
-_DRAWN = 0.2  # share of the time limit for each random path
+_DRAWN = 0.2  # most of the time limit for each random path, and for all together
+_ALL_DRAWN = 0.5
 _STEPS = 12  # of a search, below which the time limit is short
 _ENOUGH = 60  # steps for which the warning proposes a time limit
 
@@ -148,7 +149,7 @@ def design_trajectory(
     alike = partial(
         replace,
         seed=seed,
-        drawing=_DRAWN * time_limit,
+        drawing=min(_DRAWN, _ALL_DRAWN / min(starts, COMPARED)) * time_limit,
         poses=clear_poses(required, seed),
     )
     searched = (search_problem(measured, base, one, aim, limits) for one in forms)

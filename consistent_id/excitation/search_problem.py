@@ -172,7 +172,8 @@ class SearchProblem:
     def drawn(self, number: int) -> "RandomPath":
         """Return a random path, and the work of its search; both are remembered."""
         known = _RANDOM.setdefault(self.information, {})
-        key = (self.guards, self.seed, number, self.drawing)
+        poses = b"" if self.poses is None else self.poses.tobytes()
+        key = (self.guards, self.seed, number, self.drawing, poses)
         if key not in known:
             known[key] = self._drawn(number)
         return known[key]
@@ -184,7 +185,9 @@ class SearchProblem:
         variables *= _FILL / self.limits.largest(variables)
         times, meter = self.grid[::_STRIDE], Meter(self.drawing)
         limits = PathLimits(basis, self.limits, self.guards, times, meter, self.poses)
-        return RandomPath(clear_start(variables, limits, rng), meter.spent)
+        path = clear_start(variables, limits, rng)
+        path.setflags(write=False)
+        return RandomPath(path, meter.spent)
 
     def criterion(self, objective: Objective, power: float = np.inf) -> Criterion:
         """Return an objective's criterion, smoothed or exact.
@@ -332,5 +335,5 @@ _EVALUATORS: WeakKeyDictionary[PathInformation, _PathEvaluator] = WeakKeyDiction
 
 # Random paths, whose search among bodies takes long, by guards, seed and number.
 _RANDOM: WeakKeyDictionary[
-    PathInformation, dict[tuple[tuple[Guard, ...], int, int, float], RandomPath]
+    PathInformation, dict[tuple[tuple[Guard, ...], int, int, float, bytes], RandomPath]
 ] = WeakKeyDictionary()

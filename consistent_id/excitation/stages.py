@@ -27,7 +27,8 @@ _ATTEMPTS = 4  # tries of a proof, each with lower limits
 _WORSE = 0.05  # logarithm by which another path may be worse than an unproven one
 _CREST = 2.0  # peak over root mean square, of torque whose peak is not limited
 _EQUAL = 1e-9  # difference of logarithms below which two paths are equally good
-_COMPARED = 8  # most random paths that a design must be better than
+COMPARED = 8
+"""Most random paths that a design must be better than."""
 
 
 class _NothingYet(KeyboardInterrupt):
@@ -36,7 +37,7 @@ class _NothingYet(KeyboardInterrupt):
 
 def compared_paths(problem: SearchProblem, starts: int) -> list[FoundPath]:
     """Return the random paths that a design must be better than, best first."""
-    count = min(starts, _COMPARED)
+    count = min(starts, COMPARED)
     found = [random_candidate(problem, number) for number in range(count)]
     return sorted(found, key=lambda one: (one.score, one.number))
 

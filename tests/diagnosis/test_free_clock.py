@@ -43,7 +43,7 @@ def _foreign():
     return replace(model, robot=replace(model.robot, links=links))
 
 
-@pytest.mark.parametrize("factor", [0.7, 1.3, 2.0])
+@pytest.mark.parametrize("factor", [0.2, 0.7, 1.3, 2.0, 5.0])
 def test_the_clock_is_known_though_nominal_bodies_are_wrong(factor):
     _, log = logged(1)
     found = estimated(FactorLogs.of(_foreign(), [_clocked(log, factor)]))
@@ -64,6 +64,30 @@ def test_a_wrong_width_of_friction_is_no_clock(velocity_scale):
     model = replace(arm(), drive=DRIVE)
     log = slow_log(model, velocity_scale)
     assert estimated(FactorLogs.of(model, [log])) is None
+
+
+@pytest.mark.parametrize("factor", [0.05, 0.1, 20.0, 30.0])
+def test_a_clock_beyond_all_that_are_tried_is_not_given_another_speed(factor):
+    _, log = logged(1)
+    assert estimated(FactorLogs.of(_foreign(), [_clocked(log, factor)])) is None
+
+
+@pytest.mark.parametrize(
+    ("severity", "kinds"),
+    [
+        ("fault", ["clock", "hidden zero"]),
+        ("warning", ["clock", "gravity", "hidden zero"]),
+    ],
+)
+def test_a_clock_that_is_a_warning_takes_no_others_place(severity, kinds, monkeypatch):
+    def said(kind, severity):
+        return LogFinding(kind, severity, "somewhere", "", "", 1.0)
+
+    found = [said("gravity", "warning"), said("hidden zero", "note")]
+    clock = [said("clock", severity)]
+    monkeypatch.setattr(all_logs, "free_clock_findings", lambda _: clock)
+    after = all_logs._with_free_clock(None, found)
+    assert [f.kind for f in after] == kinds
 
 
 def test_a_clock_that_is_far_from_sure_is_not_looked_for_exactly(monkeypatch):
