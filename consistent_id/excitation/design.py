@@ -27,7 +27,7 @@ from consistent_id.excitation.accuracy import (
     with_default_noise,
 )
 from consistent_id.excitation.aims import Aim, PathForm, forms_to_try
-from consistent_id.excitation.clear_poses import clear_poses, require_clear_pose
+from consistent_id.excitation.clear_poses import clear_poses
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.interest import base_for
 from consistent_id.excitation.search_problem import SearchProblem, search_problem
@@ -144,13 +144,13 @@ def design_trajectory(
     forms = _forms(form, limits)
     for one in forms:
         _require_long_enough(one, aim, limits)
-    require_clear_pose(required, seed)
+    poses = clear_poses(required, seed)
     base = base_for(measured, aim.interest, known=aim.others == "known")
     alike = partial(
         replace,
         seed=seed,
         drawing=min(_DRAWN, _ALL_DRAWN / min(starts, COMPARED)) * time_limit,
-        poses=clear_poses(required, seed),
+        poses=poses,
     )
     searched = (search_problem(measured, base, one, aim, limits) for one in forms)
     problems = [alike(problem.guarded(required.guards)) for problem in searched]

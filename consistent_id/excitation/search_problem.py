@@ -49,10 +49,19 @@ _FILL = 0.8  # share of the limits that a random path uses
 
 
 class RandomPath(NamedTuple):
-    """A random path, shape (size, joints), and the work of finding it."""
+    """A random path, and the work of finding it.
+
+    Attributes
+    ----------
+    path : ndarray, shape (size, joints)
+    work : float
+    kept : bool
+        Whether it keeps all limits on the grid.
+    """
 
     path: Matrix
     work: float
+    kept: bool
 
 
 class Information(NamedTuple):
@@ -187,7 +196,8 @@ class SearchProblem:
         limits = PathLimits(basis, self.limits, self.guards, times, meter, self.poses)
         path = clear_start(variables, limits, rng)
         path.setflags(write=False)
-        return RandomPath(path, meter.spent)
+        kept = replace(limits, time=self.grid).kept(path)
+        return RandomPath(path, meter.spent, kept)
 
     def criterion(self, objective: Objective, power: float = np.inf) -> Criterion:
         """Return an objective's criterion, smoothed or exact.

@@ -140,7 +140,8 @@ def test_a_random_path_is_enlarged_until_its_work_is_done():
         part = replace(of, drawing=0.1 * whole.work).drawn(number)
         if part.work < whole.work:
             break
-    assert 0.1 * whole.work <= part.work < 0.6 * whole.work
+    # Random poses, and the path at the end, are measured in any case.
+    assert 0.1 * whole.work <= part.work < 0.7 * whole.work
     assert abs(part.path[1:]).sum() < abs(whole.path[1:]).sum()
     (measure,) = of.measures(part.path)
     assert measure.max() <= 0.0
@@ -156,7 +157,7 @@ def test_random_paths_swing_about_known_poses_where_none_is_clear(monkeypatch):
     known = np.array([[0.0, 0.0, 0.0]])
     seen = []
 
-    def all_bad(poses, guards):
+    def all_bad(poses, guards, meter=None):
         seen.append(poses)
         clear = [any(np.array_equal(pose, one) for one in known) for pose in poses]
         return np.where(clear, -1.0, 1.0)
