@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Matrix, checked, freeze
+from consistent_id._support.tables import some_of
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.guards import ClearanceGuard, Guard, TorqueGuard
 from consistent_id.excitation.kernels import ParameterTorque, slow_speeds
@@ -242,9 +243,8 @@ def _uncounted(scene: Scene | None) -> tuple[str, ...]:
     ]
     if not names:
         return ()
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return (
-        f"torque limits: without the weight of {', '.join(names[:_NAMED])}{more}, "
+        f"torque limits: without the weight of {some_of(names, _NAMED)}, "
         "which the robot carries behind its tip; it counts if their joints are locked "
         "instead (--lock, without --tip)",
     )
