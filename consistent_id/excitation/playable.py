@@ -262,6 +262,13 @@ def playable_design(
         executor=executor,
         progress=progress,
     )
+    return _with_moves(design, request, seed, (*request.notes, *moved.notes))
+
+
+def _with_moves(
+    design: ExcitationDesign, request: DesignRequest, seed: int, notes: tuple[str, ...]
+) -> PlayableDesign:
+    """Return a design with the moves that play it and a validation path."""
     played: dict[str, ProvenMove] = {}
     refusals: list[str] = []
     validation = None
@@ -277,14 +284,14 @@ def playable_design(
         validation, played[VALIDATION] = _validation(design, request, seed, most)
     except (InfeasibleError, ProblemError) as cause:
         refusals.append(f"there is no validation motion: {cause}")
-    notes = [f"{name}: {one.note}" for name, one in played.items() if one.note]
+    of_moves = [f"{name}: {one.note}" for name, one in played.items() if one.note]
     return PlayableDesign(
         design,
         validation,
         moves={name: one.move for name, one in played.items()},
         proofs={name: one.proof for name, one in played.items()},
         refusals=tuple(refusals),
-        notes=(*request.notes, *moved.notes, *notes),
+        notes=(*notes, *of_moves),
     )
 
 

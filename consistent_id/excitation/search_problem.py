@@ -45,6 +45,7 @@ _SAMPLES = 100  # least samples of a path, and ten per period of the highest fre
 _GRID = 24  # samples per period of the highest frequency, at which guards measure
 _STRIDE = 3  # every third of these times is enough for a random path
 _ROW = 3e-6  # work of a guard's row for each joint
+_DRAW = 0.6  # for each joint, of the work of measuring guards at these times
 _FILL = 0.8  # share of the limits that a random path uses
 
 
@@ -163,6 +164,7 @@ class SearchProblem:
             len(self.limits.time) * joints,
             measure=len(self.grid) * sum(queries),
             row=_ROW * joints,
+            draw=_DRAW * joints * len(self.grid[::_STRIDE]) * sum(queries),
         )
 
     @property
