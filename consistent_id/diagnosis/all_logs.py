@@ -29,7 +29,7 @@ from consistent_id.diagnosis.free_clock import (
     clock_instead,
     free_clock_findings,
 )
-from consistent_id.diagnosis.joint_shifts import Shifts, joint_shifts
+from consistent_id.diagnosis.joint_shifts import CommonShifts, joint_shifts
 from consistent_id.diagnosis.leaks import leak_findings
 from consistent_id.diagnosis.one_log import (
     OpenLog,
@@ -299,7 +299,7 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
     for one in open_:
         alike.setdefault(one.as_is.factors.model.torque_joints, []).append(one.as_is)
     open_ = [_gains_weighed(one, alike) for one in open_]
-    corrected = [Shifts(logs) for logs in alike.values()]
+    corrected = [CommonShifts(logs) for logs in alike.values()]
     shifts = [finding for one in corrected for finding in joint_shifts(one)]
     # Logs with a fault, or that no body explains, need no other cause: but for other
     # masses, which stand in for any cause that a log by itself does not show.

@@ -20,7 +20,7 @@ from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.free_clock import SureClock
 from consistent_id.diagnosis.joint_shifts import (
     SHIFT_KINDS,
-    Shifts,
+    CommonShifts,
     all_faults_are,
     together,
 )
@@ -32,7 +32,7 @@ STAND_INS = (*SHIFT_KINDS, "clock")
 
 
 def scale_instead(
-    clock: SureClock, shifts: Shifts, found: Sequence[LogFinding]
+    clock: SureClock, shifts: CommonShifts, found: Sequence[LogFinding]
 ) -> list[LogFinding]:
     """Replace faults of zeros, gains and the clock by a scale that explains more.
 

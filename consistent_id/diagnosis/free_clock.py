@@ -35,7 +35,7 @@ from consistent_id.diagnosis.factor_rows import (
 from consistent_id.diagnosis.findings import LogFinding, Severity
 from consistent_id.diagnosis.joint_shifts import (
     SHIFT_KINDS,
-    Shifts,
+    CommonShifts,
     all_faults_are,
     together,
 )
@@ -250,7 +250,7 @@ class SureClock:
 
 
 def clock_instead(
-    clock: SureClock, shifts: Shifts, found: Sequence[LogFinding]
+    clock: SureClock, shifts: CommonShifts, found: Sequence[LogFinding]
 ) -> list[LogFinding]:
     """Replace faults of zeros and gains by a clock that explains more.
 

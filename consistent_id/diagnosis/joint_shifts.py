@@ -46,7 +46,7 @@ _PULL = 1e-4  # weight of the squared distance to the nominal robot
 
 
 @dataclass(frozen=True, eq=False)
-class Shifts:
+class CommonShifts:
     """The zeros and gains that all logs show, found when first needed, and once.
 
     Parameters
@@ -82,7 +82,7 @@ class Shifts:
         return together([corrected_shifts(log, sizes).misfit for log in self.logs])
 
 
-def joint_shifts(shifts: Shifts) -> list[LogFinding]:
+def joint_shifts(shifts: CommonShifts) -> list[LogFinding]:
     """Find wrong zero offsets and gains in all logs together, and the lag of each."""
     logs, moved = shifts.logs, shifts.moved
     if moved is None:

@@ -94,7 +94,7 @@ class FormSearch(NamedTuple):
     stages: tuple[Stage, ...]
 
 
-class _Tried(NamedTuple):
+class _TriedProof(NamedTuple):
     """A candidate and the proof that was tried."""
 
     found: FoundPath
@@ -266,17 +266,17 @@ class DesignSearch:
 
     def _tried(
         self, problem: SearchProblem, usable: Sequence[FoundPath], worse: float
-    ) -> list[_Tried]:
+    ) -> list[_TriedProof]:
         """Try to prove candidates, best first, until a proof holds.
 
         None is tried whose score is worse than the best one's by more than `worse`.
         """
-        tried: list[_Tried] = []
+        tried: list[_TriedProof] = []
         for one in usable:
             if one.score > usable[0].score + worse:
                 break
             path = problem.basis.trajectory(np.asarray(one.variables))
-            tried.append(_Tried(one, path, self._proof(path)))
+            tried.append(_TriedProof(one, path, self._proof(path)))
             if tried[-1].proof.holds:
                 break
         return tried

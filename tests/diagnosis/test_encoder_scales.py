@@ -13,7 +13,7 @@ from consistent_id.diagnosis.corrections import corrections
 from consistent_id.diagnosis.encoder_scales import scale_instead
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
 from consistent_id.diagnosis.findings import LogFinding
-from consistent_id.diagnosis.joint_shifts import Shifts, joint_shifts
+from consistent_id.diagnosis.joint_shifts import CommonShifts, joint_shifts
 from consistent_id.regression import base_parameters
 
 ZERO = LogFinding("offset zero", "fault", "joint1", "a zero", "check it")
@@ -90,7 +90,9 @@ def test_a_scale_stands_for_no_fault_of_another_kind_and_for_no_doubt():
 def test_a_diagnosis_of_a_wrong_gear_ratio_accuses_no_gain():
     # By themselves, zeros and gains would explain the log by a gain.
     accused = [
-        f.kind for f in joint_shifts(Shifts([_fitted(1.25)])) if f.severity == "fault"
+        f.kind
+        for f in joint_shifts(CommonShifts([_fitted(1.25)]))
+        if f.severity == "fault"
     ]
     assert accused == ["torque gain"]
     found = diagnose(arm(), at_samples(_geared(1.25)))

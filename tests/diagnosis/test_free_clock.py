@@ -24,7 +24,7 @@ from consistent_id.diagnosis.free_clock import (
 from consistent_id.diagnosis.free_clock import (
     free_clock as estimated,
 )
-from consistent_id.diagnosis.joint_shifts import Shifts
+from consistent_id.diagnosis.joint_shifts import CommonShifts
 from consistent_id.regression import base_parameters
 
 
@@ -183,7 +183,7 @@ def test_a_clock_that_explains_more_than_zeros_and_gains_is_named_instead():
     "found", [[HIDDEN], [replace(GAIN, severity="warning")], [replace(GAIN, kind="x")]]
 )
 def test_only_faults_of_zeros_and_gains_are_compared_with_a_clock(found):
-    assert clock_instead(SureClock([]), Shifts([]), found) == found
+    assert clock_instead(SureClock([]), CommonShifts([]), found) == found
 
 
 def test_no_clock_is_found_in_a_right_log_nor_in_one_of_a_single_torque():
@@ -207,7 +207,7 @@ def test_the_clock_and_the_shifts_of_logs_are_searched_once(monkeypatch):
 
         monkeypatch.setattr(module, name, noted)
     fitted = _fitted(_slow(1, 1.1))
-    clock, shifts = SureClock([fitted]), Shifts([fitted])
+    clock, shifts = SureClock([fitted]), CommonShifts([fitted])
     found = joint_shifts.joint_shifts(shifts)
     assert {f.kind for f in found if f.severity == "fault"} == {"torque gain"}
     named = scale_instead(clock, shifts, clock_instead(clock, shifts, found))
