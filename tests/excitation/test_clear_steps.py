@@ -8,7 +8,7 @@ from excited import arm, arm_limits, arm_problem
 from scipy import optimize
 
 from consistent_id import TorqueModel
-from consistent_id.excitation import clear_starts
+from consistent_id.excitation import clear_starts, programme
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.clear_poses import cleared, worst_excess
 from consistent_id.excitation.clear_starts import PathLimits, clear_start
@@ -111,6 +111,23 @@ def test_a_step_keeps_limits_that_were_not_included_first_and_its_work_is_counte
     assert abs(A @ step).max() == pytest.approx(1.0, abs=2e-3)
     assert meter.spent > 0.0
     assert best_step(x, local, none, 10.0, Meter(0.1 * meter.spent)) is None
+
+
+def test_the_work_of_a_step_grows_with_the_iterations_of_its_solver(monkeypatch):
+    of = arm_problem(TorqueModel(arm(2)), arm_limits(arm(2)))
+    x, A = 0.0 * of.random(0).ravel(), of.limits.fine.tocsr()
+    local = Local(np.ones(len(x)), np.eye(len(x)), A)
+    none = LinearRows(np.zeros(0), np.zeros((0, len(x))))
+    usual, slow, least = Meter(), Meter(), programme._least
+    step = best_step(x, local, none, 0.1, usual)
+
+    def slower(*of):
+        found = least(*of)
+        return found._replace(iterations=10 * found.iterations)
+
+    monkeypatch.setattr(programme, "_least", slower)
+    assert np.array_equal(best_step(x, local, none, 0.1, slow), step)
+    assert slow.spent == pytest.approx(10.0 * usual.spent)
 
 
 def test_the_limits_that_a_joint_affects_are_all_that_its_motion_can_violate():
