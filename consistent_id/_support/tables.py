@@ -174,3 +174,17 @@ def _short(value: object) -> str:
     if is_dataclass(value):
         return f"<{type(value).__name__}>"
     return f"{text[: _FIELD - 3]}..."
+
+
+def some_of(names: Sequence[str], most: int = 3, between: str = ", ") -> str:
+    """Return names in one sentence: at most so many, and the number of the others.
+
+    Examples
+    --------
+    >>> some_of(["a", "b", "c", "d"], 2)
+    'a, b and 2 more'
+    """
+    more = len(names) - most
+    shown = between.join(names[:most])
+    last = " " if between == ", " else between
+    return f"{shown}{last}and {more} more" if more > 0 else shown

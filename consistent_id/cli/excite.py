@@ -167,8 +167,9 @@ SEARCH = (
     Option("--starts N", "searches from random paths", int, default=4),
     Option(
         "--time-limit SECONDS",
-        "seconds of the search for each worker, counted on an idle machine; for a "
-        "robot on its feet, seconds of the processor",
+        "seconds of random paths and searches for each worker, counted on an idle "
+        "machine; meshes, proofs and the validation motion take more; for a robot on "
+        "its feet, seconds of the processor",
         positive,
         default=10.0,
     ),

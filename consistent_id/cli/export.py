@@ -124,10 +124,7 @@ def _export(options: argparse.Namespace) -> Answer:
         **{"torque_error": None, "readme": None},
     }
     if not verdict.usable:
-        kinds = " ".join(f"--accept {r.kind!r}" for r in verdict.grounds)
-        lines = (verdict.sentence, *verdict.lines, f"{kinds} writes it anyway")
-        print("\n".join(lines), file=sys.stderr)
-        return Answer(1, _NOTHING, record)
+        return _refused(verdict, record)
     figures = chosen.estimate.certificate.figures
     delay = figures.get("delay of commands", chosen.delay)
     source = options.source or chosen.source
@@ -163,6 +160,14 @@ def _export(options: argparse.Namespace) -> Answer:
     lines = (verdict.sentence, *(f"  {note}" for note in said))
     last = f"written: {written}, {record['readme']}" if written else _NOTHING
     return Answer(0, "\n".join([*lines, last]), record)
+
+
+def _refused(verdict: "Verdict", record: dict[str, Any]) -> Answer:
+    """Say why nothing is written, and how it would be."""
+    kinds = " ".join(f"--accept {r.kind!r}" for r in verdict.grounds)
+    lines = (verdict.sentence, *verdict.lines, f"{kinds} writes it anyway")
+    print("\n".join(lines), file=sys.stderr)
+    return Answer(1, _NOTHING, record)
 
 
 def _torque_error(

@@ -53,6 +53,22 @@ def add_servo(command: argparse.ArgumentParser) -> None:
             "logs to simulate, not used for training; the duty's gain and deadband "
             "are found in each of them by itself",
         ),
+        *_log_options(),
+        Option(
+            "--friction FORM",
+            "fit this form alone (default: both, chosen by logs left out)",
+            choices=("plain", "load"),
+        ),
+        *OUTPUT,
+        TIME_LIMIT,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
+
+
+def _log_options() -> tuple[Option, ...]:
+    """Return the options that say what the columns of logs contain."""
+    return (
         Option(
             "--columns ROLE=COLUMN ...",
             f"columns of {', '.join(_ROLES)}; {{joint}} stands for a joint's name "
@@ -90,15 +106,6 @@ def add_servo(command: argparse.ArgumentParser) -> None:
             "position error, 1/rad",
             positive,
         ),
-        Option(
-            "--friction FORM",
-            "fit this form alone (default: both, chosen by logs left out)",
-            choices=("plain", "load"),
-        ),
-        *OUTPUT,
-        TIME_LIMIT,
-        more=_MORE,
-        examples=_EXAMPLES,
     )
 
 

@@ -344,14 +344,7 @@ def compare(
             least_mass_eigenvalue=least_mass_eigenvalue(
                 model, estimate.parameters, poses
             ),
-            distance_to_nominal=np.array(
-                [
-                    pullback_distance(x, body)
-                    for x, body in zip(
-                        estimate.links, reference_bodies(model.robot), strict=True
-                    )
-                ]
-            ),
+            distance_to_nominal=_distances(estimate),
             findings=tuple(findings),
             crossed=crossed,
             usual_efforts=efforts,
@@ -363,6 +356,13 @@ def compare(
     if regression is not None:
         reports = _tested(reports, regression)
     return Comparison(model, tuple(reports))
+
+
+def _distances(estimate: Estimate) -> Vector:
+    """Return the distance of each link from its nominal body."""
+    nominal = reference_bodies(estimate.model.robot)
+    pairs = zip(estimate.links, nominal, strict=True)
+    return np.array([pullback_distance(x, body) for x, body in pairs])
 
 
 def _tested(

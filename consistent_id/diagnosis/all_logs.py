@@ -25,10 +25,11 @@ from consistent_id.diagnosis.factor_rows import FactorLogs
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
 from consistent_id.diagnosis.free_clock import (
     SEVERAL,
+    SureClock,
     clock_instead,
     free_clock_findings,
 )
-from consistent_id.diagnosis.joint_shifts import joint_shifts
+from consistent_id.diagnosis.joint_shifts import CommonShifts, joint_shifts
 from consistent_id.diagnosis.leaks import leak_findings
 from consistent_id.diagnosis.one_log import (
     OpenLog,
@@ -298,7 +299,8 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
     for one in open_:
         alike.setdefault(one.as_is.factors.model.torque_joints, []).append(one.as_is)
     open_ = [_gains_weighed(one, alike) for one in open_]
-    shifts = [finding for logs in alike.values() for finding in joint_shifts(logs)]
+    corrected = [CommonShifts(logs) for logs in alike.values()]
+    shifts = [finding for one in corrected for finding in joint_shifts(one)]
     # Logs with a fault, or that no body explains, need no other cause: but for other
     # masses, which stand in for any cause that a log by itself does not show.
     faults = {f.kind for one in open_ for f in one.odd if f.severity == "fault"}
@@ -318,9 +320,10 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
             else f
             for f in more
         ]
-    if len(alike) == 1:
-        (logs,) = alike.values()
-        shifts = scale_instead(logs, clock_instead(logs, shifts))
+    if len(corrected) == 1:
+        (own,) = corrected
+        clock = SureClock(own.logs)
+        shifts = scale_instead(clock, own, clock_instead(clock, own, shifts))
     shown = any(f.severity == "fault" for f in shifts)
     lost = not shown and any(f.severity == "fault" for o in open_ for f in o.odd)
     found = [f for f in shifts if not (lost and f.severity == "warning")]

@@ -17,38 +17,38 @@ from consistent_id.diagnosis.explain import (
     explanation_finding,
 )
 from consistent_id.diagnosis.findings import LogFinding
-from consistent_id.diagnosis.free_clock import misfit_without_clock
+from consistent_id.diagnosis.free_clock import SureClock
 from consistent_id.diagnosis.joint_shifts import (
+    SHIFT_KINDS,
+    CommonShifts,
     all_faults_are,
-    misfit_without_shifts,
     together,
 )
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import best_fit
 
-STAND_INS = ("offset zero", "torque gain", "clock")
+STAND_INS = (*SHIFT_KINDS, "clock")
 """Kinds of faults that a wrong scale of a position looks like."""
 
 
 def scale_instead(
-    logs: Sequence[FittedLog], found: Sequence[LogFinding]
+    clock: SureClock, shifts: CommonShifts, found: Sequence[LogFinding]
 ) -> list[LogFinding]:
     """Replace faults of zeros, gains and the clock by a scale that explains more.
 
     Parameters
     ----------
-    logs : sequence of FittedLog
-        Logs in which the same joints have a torque.
+    clock, shifts
+        Of the same logs.
     found : sequence of LogFinding
         Findings of all these logs together.
     """
     if not all_faults_are(STAND_INS, found):
         return list(found)
-    best = _best_scale(logs)
+    best = _best_scale(shifts.logs)
     if best is None or best.score < 1.0:
         return list(found)
-    others = misfit_without_shifts(logs), misfit_without_clock(logs)
-    if best.misfit >= min(others):
+    if best.misfit >= min(shifts.misfit, clock.misfit):
         return list(found)
     return [_finding(best), *(f for f in found if f.kind not in STAND_INS)]
 

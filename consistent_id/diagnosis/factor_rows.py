@@ -88,15 +88,20 @@ class FactorRows:
         Prepared, with the robot's joints; few samples suffice.
     loads : bool
         Whether friction may grow with the measured torque.
+    given : sequence of rows, optional
+        Those of each log, if they are known.
     """
 
     model: TorqueModel
     logs: Sequence[Recording]
     loads: bool = True
+    given: Sequence["_Rows"] | None = None
 
     @cached_property
-    def each(self) -> list["_Rows"]:
+    def each(self) -> Sequence["_Rows"]:
         """The rows of each log."""
+        if self.given is not None:
+            return self.given
         return [_Rows.of(self.model, log, loads=self.loads) for log in self.logs]
 
     @cached_property
@@ -114,15 +119,13 @@ class FactorRows:
         """The same rows without friction that grows with the measured torque."""
         if not self.loads:
             return self
-        fewer = FactorRows(self.model, self.logs, loads=False)
-        fewer.__dict__["each"] = [rows.without_loads for rows in self.each]
-        return fewer
+        fewer = [rows.without_loads for rows in self.each]
+        return replace(self, loads=False, given=fewer)
 
     def with_drives_of(self, other: "FactorRows") -> "FactorRows":
         """Return these rows with the drives' columns of other ones, of as many rows."""
         bodies = self.model.layout.inertial_size
-        mixed = FactorRows(self.model, self.logs, loads=self.loads)
-        mixed.__dict__["each"] = [
+        mixed = [
             replace(
                 own,
                 columns=np.concatenate(
@@ -131,7 +134,7 @@ class FactorRows:
             )
             for own, its in zip(self.each, other.each, strict=True)
         ]
-        return mixed
+        return replace(self, given=mixed)
 
     @cached_property
     def factors(self) -> list[list[Matrix]]:

@@ -16,6 +16,7 @@ more: another clock alone would mend friction whose velocity scale is wrong.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -33,8 +34,9 @@ from consistent_id.diagnosis.factor_rows import (
 )
 from consistent_id.diagnosis.findings import LogFinding, Severity
 from consistent_id.diagnosis.joint_shifts import (
+    SHIFT_KINDS,
+    CommonShifts,
     all_faults_are,
-    misfit_without_shifts,
     together,
 )
 from consistent_id.errors import InfeasibleError, SolverError
@@ -49,7 +51,6 @@ Of the clean logs of six real arms, the largest is 2.2 (a Z1, nearly all frictio
 SEVERAL = 2
 """Least number of torques: bodies that one joint carries load another one."""
 
-_STAND_INS = ("offset zero", "torque gain")  # faults that a wrong clock looks like
 _NEARLY = float(np.log(1.05))  # least logarithm of a speed that is compared with them
 _WIDEN = 1.5  # ratio of the steps of a search
 _HALVES = 6  # times that an interval is halved
@@ -200,8 +201,56 @@ def free_clock_findings(as_is: FactorLogs) -> list[LogFinding]:
     return [_finding(found, "fault" if found.harm >= HARM else "warning")]
 
 
+@dataclass(frozen=True, eq=False)
+class SureClock:
+    """The clock that all logs show if it is sure, found when first needed, and once.
+
+    Parameters
+    ----------
+    logs : sequence of FittedLog
+        Logs in which the same joints have a torque.
+    """
+
+    logs: Sequence[FittedLog]
+
+    @cached_property
+    def found(self) -> FoundFactor | None:
+        """The clock, however near it is to the right one; None if none is sure."""
+        model = self._as_is.model
+        if len(model.torque_joints) < SEVERAL:
+            return None
+        clock = free_clock(self._as_is, _NEARLY)
+        return clock if clock is not None and clock.explained >= SURE**2 else None
+
+    @cached_property
+    def misfit(self) -> float:
+        """The misfit of the logs with the clock corrected.
+
+        It is infinite if no clock is sure, or no robot explains the corrected logs.
+        """
+        if self.found is None:
+            return np.inf
+        moved = self._as_is.without(self.found.factor, self.found.size)
+        try:
+            return together(
+                [
+                    fitted_log(
+                        moved.model, one, log.constraints, log.factors.base
+                    ).misfit
+                    for log, one in zip(self.logs, moved.logs, strict=True)
+                ]
+            )
+        except (InfeasibleError, SolverError):
+            return np.inf
+
+    @cached_property
+    def _as_is(self) -> FactorLogs:
+        model = self.logs[0].factors.model
+        return FactorLogs.of(model, [log.recording for log in self.logs])
+
+
 def clock_instead(
-    logs: Sequence[FittedLog], found: Sequence[LogFinding]
+    clock: SureClock, shifts: CommonShifts, found: Sequence[LogFinding]
 ) -> list[LogFinding]:
     """Replace faults of zeros and gains by a clock that explains more.
 
@@ -210,57 +259,17 @@ def clock_instead(
 
     Parameters
     ----------
-    logs : sequence of FittedLog
-        Logs in which the same joints have a torque.
+    clock, shifts
+        Of the same logs.
     found : sequence of LogFinding
         Findings of all these logs together.
     """
-    if not all_faults_are(_STAND_INS, found):
+    if not all_faults_are(SHIFT_KINDS, found):
         return list(found)
-    clock = _sure_clock(logs)
-    if clock is None or misfit_with(clock, logs) >= misfit_without_shifts(logs):
+    if clock.found is None or clock.misfit >= shifts.misfit:
         return list(found)
-    left = (f for f in found if f.kind not in _STAND_INS)
-    return [_finding(clock, "fault"), *left]
-
-
-def misfit_without_clock(logs: Sequence[FittedLog]) -> float:
-    """Return the misfit of all logs with a corrected clock; infinite without one."""
-    clock = _sure_clock(logs)
-    return np.inf if clock is None else misfit_with(clock, logs)
-
-
-def misfit_with(clock: FoundFactor, logs: Sequence[FittedLog]) -> float:
-    """Return the misfit of all logs with a clock corrected.
-
-    It is infinite if no robot explains the corrected logs.
-
-    Parameters
-    ----------
-    clock : FoundFactor
-        Its size is taken out of the logs.
-    """
-    model = logs[0].factors.model
-    as_is = FactorLogs.of(model, [log.recording for log in logs])
-    moved = as_is.without(clock.factor, clock.size).logs
-    try:
-        return together(
-            [
-                fitted_log(model, one, log.constraints, log.factors.base).misfit
-                for log, one in zip(logs, moved, strict=True)
-            ]
-        )
-    except (InfeasibleError, SolverError):
-        return np.inf
-
-
-def _sure_clock(logs: Sequence[FittedLog]) -> FoundFactor | None:
-    """Return the clock that logs show, however small it is, if it is sure."""
-    model = logs[0].factors.model
-    if len(model.torque_joints) < SEVERAL:
-        return None
-    clock = free_clock(FactorLogs.of(model, [log.recording for log in logs]), _NEARLY)
-    return clock if clock is not None and clock.explained >= SURE**2 else None
+    left = (f for f in found if f.kind not in SHIFT_KINDS)
+    return [_finding(clock.found, "fault"), *left]
 
 
 def _finding(found: FoundFactor, severity: Severity) -> LogFinding:

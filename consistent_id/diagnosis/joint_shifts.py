@@ -5,7 +5,8 @@ zeros and gains found so far taken out.  Nominal bodies may contradict the resul
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -34,6 +35,9 @@ from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filtered_rows import altered
 
+SHIFT_KINDS = ("offset zero", "torque gain")
+"""Kinds of faults that the zeros and gains of joints are."""
+
 # Share of the torque that zero offsets and gains have to explain.  Friction that no
 # model has leaves 0.3 to 2 %; a zero offset may take up 0.6 % of that by chance.
 _WORTH = 0.008
@@ -41,16 +45,49 @@ _LARGE = 2.0  # a gain with this score or more is large
 _PULL = 1e-4  # weight of the squared distance to the nominal robot
 
 
-def joint_shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
-    """Find wrong zero offsets and gains in all logs together, and the lag of each log.
+@dataclass(frozen=True, eq=False)
+class CommonShifts:
+    """The zeros and gains that all logs show, found when first needed, and once.
 
-    The same joints have to move in all of them.
+    Parameters
+    ----------
+    logs : sequence of FittedLog
+        Logs in which the same joints have a torque and move.
     """
+
+    logs: Sequence[FittedLog]
+
+    @cached_property
+    def moved(self) -> Moved | None:
+        """The zeros and gains; None if no robot explains the corrected logs."""
+        try:
+            return moved_channels(
+                self.logs[0].factors.model,
+                lambda sizes: [
+                    _linearised(corrected_shifts(log, sizes)) for log in self.logs
+                ],
+            )
+        except (InfeasibleError, SolverError):
+            return None
+
+    @cached_property
+    def misfit(self) -> float:
+        """The misfit of the corrected logs.
+
+        It is zero if no robot explains them, so that nothing explains more.
+        """
+        if self.moved is None:
+            return 0.0
+        sizes = self.moved.sizes
+        return together([corrected_shifts(log, sizes).misfit for log in self.logs])
+
+
+def joint_shifts(shifts: CommonShifts) -> list[LogFinding]:
+    """Find wrong zero offsets and gains in all logs together, and the lag of each."""
+    logs, moved = shifts.logs, shifts.moved
+    if moved is None:
+        return []  # there is no correction
     model = logs[0].factors.model
-    try:
-        moved = _moved(logs)
-    except (InfeasibleError, SolverError):
-        return []  # no robot explains the corrected logs: there is no correction
     lags = [
         replace(f, recording=log.recording.name)
         for log, system in zip(logs, moved.systems, strict=True)
@@ -66,30 +103,10 @@ def joint_shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
     return [*found, *hidden_zeros(model, moved), *lags]
 
 
-def _moved(logs: Sequence[FittedLog]) -> Moved:
-    """Return the zeros and gains that all logs show."""
-    return moved_channels(
-        logs[0].factors.model,
-        lambda sizes: [_linearised(corrected_shifts(log, sizes)) for log in logs],
-    )
-
-
 def all_faults_are(kinds: Collection[str], found: Sequence[LogFinding]) -> bool:
     """Return whether there are faults, and all are of kinds that others look like."""
     faults = {f.kind for f in found if f.severity == "fault"}
     return bool(faults) and faults <= {*kinds}
-
-
-def misfit_without_shifts(logs: Sequence[FittedLog]) -> float:
-    """Return the misfit of all logs with corrected zeros and gains.
-
-    It is zero if no robot explains the corrected logs, so that nothing explains more.
-    """
-    try:
-        sizes = _moved(logs).sizes
-    except (InfeasibleError, SolverError):
-        return 0.0
-    return together([corrected_shifts(log, sizes).misfit for log in logs])
 
 
 def together(misfits: Sequence[float]) -> float:

@@ -6,14 +6,14 @@ whether a robot can have its parameters, which faults the recordings have, and w
 the optimum is proven.  The worst reason decides.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.tables import brief
+from consistent_id._support.tables import brief, some_of
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.constraints.delivered_bodies import LinkCondition, RobotSize
 from consistent_id.estimation.drive_ratios import DriveRatios, drive_reasons
@@ -274,14 +274,14 @@ def _of_bodies(evidence: Evidence) -> Iterator[Reason]:
         yield Reason("impossible robot", "do not use", evidence.impossible, advice)
     wrong = [link.link for link in evidence.links if not link.consistent]
     if wrong:
-        said = f"not physically consistent: {_some(wrong)}"
+        said = f"not physically consistent: {some_of(wrong)}"
         yield Reason("inconsistent bodies", "do not use", said, advice)
     empty = [k.link for k in evidence.links if k.consistent and k.massless]
     if empty:
         yield Reason(
             "vanishing mass",
             "do not use",
-            f"estimated without mass: {_some(empty)}",
+            f"estimated without mass: {some_of(empty)}",
             "state masses of the datasheet ([constraints] masses), or mass bounds",
         )
     least = evidence.least_mass_eigenvalue
@@ -395,7 +395,7 @@ def _of_rest(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "joint at rest",
             "use with care",
-            f"{_some([fit.joints[j] for j in resting])} hardly moved: friction and "
+            f"{some_of([fit.joints[j] for j in resting])} hardly moved: friction and "
             "rotor inertia there are not identifiable, and friction may balance any "
             "torque up to breakaway",
             "move these joints too, or take them out of the model (locked)",
@@ -444,7 +444,7 @@ def _worth_knowing(evidence: Evidence) -> Iterator[Reason]:
     if evidence.undetermined:
         count = len(evidence.undetermined)
         said = (
-            f"{count} combinations of base parameters: {_some(evidence.undetermined)}"
+            f"{count} combinations of base parameters: {some_of(evidence.undetermined)}"
         )
         yield Reason("not identifiable", "use", said)
     if evidence.loose_trunk:
@@ -452,7 +452,7 @@ def _worth_knowing(evidence: Evidence) -> Iterator[Reason]:
             "trunk",
             "use",
             "the data do not determine the body of the floating base, but only sums "
-            f"of {_some(evidence.loose_trunk)} with other bodies, which the prior "
+            f"of {some_of(evidence.loose_trunk)} with other bodies, which the prior "
             "divides",
             "state bodies that are known (known_links), for example from a log of the "
             "robot hanging by its base",
@@ -465,14 +465,9 @@ def _worth_knowing(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "boundary",
             "use",
-            f"on the boundary of physical consistency: {_some(edges)}; torque "
+            f"on the boundary of physical consistency: {some_of(edges)}; torque "
             "prediction stays valid, but single inertias of these links are unreliable",
         )
-
-
-def _some(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:3])
-    return shown if len(names) <= 3 else f"{shown} and {len(names) - 3} more"
 
 
 Rule = Callable[[Evidence], Iterable[Reason]]

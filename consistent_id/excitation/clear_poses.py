@@ -13,13 +13,16 @@ from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import InfeasibleError
 from consistent_id.excitation.guards import Guard
 from consistent_id.excitation.verification import Demands
+from consistent_id.excitation.work import Meter
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.separation import nearest
 
 _MOVED = 12  # poses that are moved at most,
 _ENOUGH = 4  # and of which so many are clear
-_AMONG = 64  # random poses among which clear ones are looked for first
-_STEPS = 25  # most steps of each
+_RANDOM = 64  # random poses among which clear ones are searched for first
+_STEPS = 25  # most steps of each,
+_STALLED = 12  # and most of them one after another without a better pose,
+_STALLED_CLEAR = 4  # or from a pose that is clear, to one with more room
 _MARGIN = 0.1  # from a limit, in a guard's unit, that a step aims at,
 _ROOM = 0.05  # and that ends the steps: paths swing about these poses
 _NEAR = 0.1  # of a guard's unit: items so near to their limits are included
@@ -28,15 +31,26 @@ _LOOKS = 256  # poses that are tried before a scene is refused
 _INSIDE = 0.95  # share of the joints' ranges in which they are
 
 
-def worst_excess(poses: Matrix, guards: Sequence[Guard]) -> Vector:
-    """Return the largest excess of all guards at rest, pose by pose."""
+def worst_excess(
+    poses: Matrix, guards: Sequence[Guard], meter: Meter | None = None
+) -> Vector:
+    """Return the largest excess of all guards at rest, pose by pose.
+
+    The work is added to the meter.
+    """
     motion = _at_rest(poses)
+    _count(len(poses), guards, meter)
     measures = [guard.measure(motion).max(axis=1) for guard in guards]
     return np.asarray(np.max(measures, axis=0))
 
 
 def cleared(
-    poses: Matrix, worst: Vector, guards: Sequence[Guard], low: Vector, high: Vector
+    poses: Matrix,
+    worst: Vector,
+    guards: Sequence[Guard],
+    low: Vector,
+    high: Vector,
+    meter: Meter | None = None,
 ) -> Matrix:
     """Return the least bad poses, moved until they violate no guard, best first.
 
@@ -47,6 +61,8 @@ def cleared(
         See `worst_excess`.
     low, high : ndarray, shape (joints,), [rad or m]
         Least and greatest positions.
+    meter : Meter, optional
+        The work is added to it.
 
     Returns
     -------
@@ -56,11 +72,16 @@ def cleared(
     moved: list[Vector] = []
     excess: list[float] = []
     for k in np.argsort(worst, kind="stable")[:_MOVED]:
-        moved.append(_moved(poses[k], guards, low, high))
-        excess.append(float(worst_excess(moved[-1][None], guards)[0]))
+        moved.append(_moved(poses[k], guards, low, high, meter))
+        excess.append(float(worst_excess(moved[-1][None], guards, meter)[0]))
         if sum(one <= 0.0 for one in excess) == _ENOUGH:
             break
     return np.asarray(moved)[np.argsort(excess, kind="stable")]
+
+
+def _count(poses: int, guards: Sequence[Guard], meter: Meter | None) -> None:
+    if meter is not None:
+        meter.spent += poses * sum(guard.seconds for guard in guards)
 
 
 def _at_rest(poses: Matrix) -> Array:
@@ -69,15 +90,24 @@ def _at_rest(poses: Matrix) -> Array:
     return motion
 
 
-def _moved(pose: Vector, guards: Sequence[Guard], low: Vector, high: Vector) -> Vector:
-    best, least = pose, np.inf
+def _moved(
+    pose: Vector,
+    guards: Sequence[Guard],
+    low: Vector,
+    high: Vector,
+    meter: Meter | None,
+) -> Vector:
+    best, least, stalled = pose, np.inf, 0
     for _ in range(_STEPS):
         values, slopes = _violations(pose, guards)
+        _count(1, guards, meter)
         if not len(values):
             return pose
+        stalled += 1
         if values.max() < least:
-            best, least = pose, float(values.max())
-        if least <= -_ROOM:
+            best, least, stalled = pose, float(values.max()), 0
+        most = _STALLED_CLEAR if least <= 0.0 else _STALLED
+        if least <= -_ROOM or stalled >= most:
             break
         step = -np.linalg.pinv(slopes, rcond=1e-3) @ np.maximum(values + _MARGIN, 0.0)
         step *= min(1.0, _REACH / max(float(abs(step).max()), 1e-12))
@@ -106,13 +136,13 @@ def require_clear_pose(demands: Demands, seed: int = 0) -> None:
     InfeasibleError
         With the two bodies, their distance and the pose where they are farthest apart.
     """
-    scene, limits = demands.scene, demands.limits
+    scene = demands.scene
     if scene is None or not scene.pairs:
         return
-    half = _INSIDE * (limits.upper - limits.lower) / 2.0
-    low, high = limits.middle - half, limits.middle + half
+    low, high = _ranges(demands)
     rng = np.random.default_rng(seed)
-    poses = np.vstack([limits.middle, rng.uniform(low, high, (_LOOKS, len(low)))])
+    middle = demands.limits.middle
+    poses = np.vstack([middle, rng.uniform(low, high, (_LOOKS, len(low)))])
     guards = [guard for guard in demands.guards if guard.keeps_apart]
     worst = worst_excess(poses, guards)
     if (worst <= 0.0).any():
@@ -132,20 +162,34 @@ def clear_poses(demands: Demands, seed: int = 0) -> Matrix | None:
     -------
     ndarray, shape (poses, joints), or None
         None, too, without a scene, whose poses are all clear.
+
+    Raises
+    ------
+    InfeasibleError
+        See `require_clear_pose`.
     """
-    guards, limits = demands.guards, demands.limits
+    guards = demands.guards
     if not any(guard.keeps_apart for guard in guards):
         return None
-    half = _INSIDE * (limits.upper - limits.lower) / 2.0
-    low, high = limits.middle - half, limits.middle + half
-    poses = np.random.default_rng(seed).uniform(low, high, (_AMONG, len(low)))
+    low, high = _ranges(demands)
+    poses = np.random.default_rng(seed).uniform(low, high, (_RANDOM, len(low)))
     worst = worst_excess(poses, guards)
     if np.count_nonzero(worst <= 0.0) < _ENOUGH:
         poses = cleared(poses, worst, guards, low, high)
         worst = worst_excess(poses, guards)
     order = np.argsort(worst, kind="stable")
     clear = poses[order[worst[order] <= 0.0]]
-    return clear if len(clear) else None
+    if len(clear):
+        return clear
+    require_clear_pose(demands, seed)  # bodies may be apart where torque is too large
+    return None
+
+
+def _ranges(demands: Demands) -> tuple[Vector, Vector]:
+    """Return the least and greatest positions of poses."""
+    limits = demands.limits
+    half = _INSIDE * (limits.upper - limits.lower) / 2.0
+    return limits.middle - half, limits.middle + half
 
 
 def _impossible(scene: Scene, pose: Vector) -> str:

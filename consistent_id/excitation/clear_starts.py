@@ -23,8 +23,8 @@ _WIDEST = 0.95  # the same of poses that are moved because all others violate a 
 _SWINGS = (0.25, 0.1, 0.03, 0.01)  # shares of the swing to begin with, tried in order
 _GROWTH = 1.6  # of one joint's swing at a time
 _LEAST = 1.05  # growth that ends the iteration
-_LOOKED = 0.25  # of the work of measuring a path: most distances are only bounded
-_STOPPED = 0.05  # the same of a path that violates a guard
+_WORK_KEPT = 0.25  # of the work of measuring a path: most distances are only bounded
+_WORK_VIOLATED = 0.05  # the same of a path that violates a guard, where it ends
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +59,7 @@ class PathLimits:
             return False
         motion = self.basis.motion(path, self.time)
         kept = all(guard.kept(motion) for guard in self.guards)
-        share = _LOOKED if kept else _STOPPED
+        share = _WORK_KEPT if kept else _WORK_VIOLATED
         seconds = sum(guard.seconds for guard in self.guards)
         self.meter.spent += share * len(self.time) * seconds
         return kept
@@ -81,18 +81,18 @@ def clear_start(path: Matrix, limits: PathLimits, rng: np.random.Generator) -> M
     """
     if limits.kept(path):
         return path
-    basis, guards = limits.basis, limits.guards
+    basis, guards, meter = limits.basis, limits.guards, limits.meter
     offsets = rng.uniform(-_RANGE, _RANGE, (_POSES, path.shape[1]))
     middle, half = basis.limits.middle, basis.limits.derivative(0)
-    worst = worst_excess(middle + offsets * half, guards)
+    worst = worst_excess(middle + offsets * half, guards, meter)
     if not (worst <= 0.0).any():
         poses = limits.poses
         if poses is None:
             span = middle - _WIDEST * half, middle + _WIDEST * half
-            poses = cleared(middle + offsets * half, worst, guards, *span)
+            poses = cleared(middle + offsets * half, worst, guards, *span, meter)
         else:
             poses = rng.permutation(poses)[:_KEPT]
-        worst, offsets = worst_excess(poses, guards), (poses - middle) / half
+        worst, offsets = worst_excess(poses, guards, meter), (poses - middle) / half
     kept = [k for k in np.argsort(worst, kind="stable")[:_KEPT] if worst[k] <= 0.0]
     for share in _SWINGS:
         for k in kept:

@@ -11,7 +11,6 @@ import os
 import time as clock
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,13 +26,13 @@ from consistent_id.excitation.accuracy import (
     with_default_noise,
 )
 from consistent_id.excitation.aims import Aim, PathForm, forms_to_try
-from consistent_id.excitation.clear_poses import clear_poses, require_clear_pose
+from consistent_id.excitation.clear_poses import clear_poses
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.interest import base_for
 from consistent_id.excitation.search_problem import SearchProblem, search_problem
 from consistent_id.excitation.searches import Lanes
 from consistent_id.excitation.stages import COMPARED, DesignSearch, compared_paths
-from consistent_id.excitation.verification import FRICTION_SHARE, demands
+from consistent_id.excitation.verification import FRICTION_SHARE, Demands, demands
 from consistent_id.excitation.work import Meter
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
@@ -97,9 +96,10 @@ def design_trajectory(
     starts : int
         Searches from random paths.
     time_limit : float, [s]
-        Limit of the searches, in work: seconds of an idle reference processor, for each
-        of the workers.  A busy machine takes longer and finds the same design.  A
-        failed proof adds a twentieth to it.
+        Limit of random paths and searches, in work: seconds of an idle reference
+        processor, for each of the workers.  A busy machine takes longer and finds the
+        same design.  A failed proof adds a twentieth to it.  Clear poses, base
+        parameters and proofs are not counted.
     seed : int
         Same seed, limit and number of workers: same design on one machine.
     workers : int, optional
@@ -140,34 +140,20 @@ def design_trajectory(
     where = Executor.chosen(executor)
     required = demands(model, limits, parameters, scene, friction_share)
     aim = with_default_noise(aim or Aim(), measured, limits)
-    limits = required.limits
-    forms = _forms(form, limits)
-    for one in forms:
-        _require_long_enough(one, aim, limits)
-    require_clear_pose(required, seed)
-    base = base_for(measured, aim.interest, known=aim.others == "known")
-    alike = partial(
-        replace,
-        seed=seed,
-        drawing=min(_DRAWN, _ALL_DRAWN / min(starts, COMPARED)) * time_limit,
-        poses=clear_poses(required, seed),
-    )
-    searched = (search_problem(measured, base, one, aim, limits) for one in forms)
-    problems = [alike(problem.guarded(required.guards)) for problem in searched]
-    _warn_if_short(problems, time_limit)
+    forms = _forms(form, aim, required.limits)
+    problems = _problems(measured, required, forms, aim, seed)
+    problems = [replace(one, drawing=_drawing(starts, time_limit)) for one in problems]
+    _warn_if_short(problems, time_limit, starts)
     with noted_interrupts(keeps_results=True) as interrupted:
         lanes = Lanes(shares, interrupted, where, progress)
         search = DesignSearch(required, aim, lanes, starts, Meter(time_limit))
-        trial = search.best_form(problems)
-        stages = search.stages(trial)
-        unoptimised = _unoptimised(trial.problem, aim, starts)
-    known = None if sensor is not None else parameters
-    relative = _useful(measured, stages[-1].accuracy, known, aim)
+        problem, stages = search.run(problems)
+        unoptimised = _unoptimised(problem, aim, starts)
     return ExcitationDesign(
         model=model,
-        base=base,
+        base=problem.information.base,
         demands=required,
-        form=forms[problems.index(trial.problem)],
+        form=forms[problems.index(problem)],
         aim=aim,
         stages=stages,
         unoptimised=unoptimised,
@@ -175,10 +161,30 @@ def design_trajectory(
         seconds=clock.monotonic() - began,
         notes=required.notes + _notes(aim, stages, interrupted()),
         interrupted=interrupted(),
-        relative=relative,
+        relative=_useful(measured, stages[-1].accuracy, parameters, aim),
         tried=forms,
         sensor=sensor,
     )
+
+
+def _problems(
+    measured: RowModel,
+    required: Demands,
+    forms: Sequence[PathForm],
+    aim: Aim,
+    seed: int,
+) -> list[SearchProblem]:
+    """Return the search of each form, with the same clear poses."""
+    poses = clear_poses(required, seed)
+    base = base_for(measured, aim.interest, known=aim.others == "known")
+    plain = [search_problem(measured, base, one, aim, required.limits) for one in forms]
+    guards = required.guards
+    return [replace(one.guarded(guards), seed=seed, poses=poses) for one in plain]
+
+
+def _drawing(starts: int, time_limit: float) -> float:
+    """Return the most work for each random path."""
+    return min(_DRAWN, _ALL_DRAWN / min(starts, COMPARED)) * time_limit
 
 
 def _measured(model: TorqueModel, sensor: SensorRows | None) -> RowModel:
@@ -194,13 +200,17 @@ def _measured(model: TorqueModel, sensor: SensorRows | None) -> RowModel:
 
 
 def _forms(
-    form: PathForm | Sequence[PathForm] | None, limits: MotionLimits
+    form: PathForm | Sequence[PathForm] | None, aim: Aim, limits: MotionLimits
 ) -> tuple[PathForm, ...]:
+    """Return the forms to try, each once; refuse those that are too short."""
     if form is None:
-        return forms_to_try(limits)
-    forms = (form,) if isinstance(form, PathForm) else tuple(form)
+        forms = forms_to_try(limits)
+    else:
+        forms = (form,) if isinstance(form, PathForm) else tuple(form)
     if not forms:
         raise ProblemError("form is an empty sequence, expected one form or more")
+    for one in forms:
+        _require_long_enough(one, aim, limits)
     return tuple(dict.fromkeys(forms))
 
 
@@ -214,7 +224,7 @@ def _useful(
     if aim.others == "known":  # a load's parameters are not those of the link
         return None
     reference = None
-    if parameters is not None:
+    if parameters is not None and isinstance(model, TorqueModel):
         reference = np.atleast_2d(np.asarray(parameters, dtype=float)).mean(axis=0)
     relative = relative_accuracy(model, accuracy, reference)
     if relative is not None and relative.useless and not aim.assumed_noise:
@@ -302,22 +312,32 @@ def _unoptimised(problem: SearchProblem, aim: Aim, starts: int) -> PredictedAccu
     return predicted_accuracy(model, base, problem.basis.trajectory(variables), aim)
 
 
-def _warn_if_short(problems: Sequence[SearchProblem], time_limit: float) -> None:
-    """Warn before a search whose time limit is enough for few steps only."""
+def _warn_if_short(
+    problems: Sequence[SearchProblem], time_limit: float, starts: int
+) -> None:
+    """Warn before a search whose time limit is enough for few steps only.
+
+    Random paths are searched for first, and take their share of the limit.
+    """
     problem = min(problems, key=lambda one: one.costs.step)
-    step = problem.costs.step
-    if time_limit >= _STEPS * step:
+    step, count = problem.costs.step, min(starts, COMPARED)
+    drawn = count * problem.costs.draw
+    share = count * _drawing(starts, 1.0)
+    if time_limit - min(drawn, share * time_limit) >= _STEPS * step:
         return
     joints, pairs = len(problem.basis.unit), sum(one.pairs for one in problem.guards)
     of = f"{joints} joints" + (f" and {pairs} pairs of bodies" if pairs else "")
+    enough = min(_ENOUGH * step + drawn, _ENOUGH * step / (1.0 - share))
     _log.warning(
-        "with %s, a step of the search takes some %.2g s: %g s are enough for few, and "
-        "preparing and proving the motion take as long as dozens. --time-limit %.0f "
-        "finds a better motion; --tip, --lock or --no-collisions make steps shorter",
+        "with %s, a step of the search takes some %.2g s, and its random paths %.2g s: "
+        "%g s are enough for few steps, and preparing and proving the motion take as "
+        "long as dozens. --time-limit %.0f finds a better motion; --tip, --lock or "
+        "--no-collisions make steps shorter",
         of,
         step,
+        min(drawn, share * time_limit),
         time_limit,
-        _ENOUGH * step,
+        enough,
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, some_of
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.playable import ValidationPath
 from consistent_id.excitation.verification import Demands, PathProof
@@ -59,7 +59,7 @@ def kept_limits(demands: Demands) -> str:
     missing = [
         words[name]
         if not its.any()
-        else f"{words[name]} ({_some(tuple(compress(limits.joints, ~its)), ', ')})"
+        else f"{words[name]} ({some_of(tuple(compress(limits.joints, ~its)), _NAMED)})"
         for name, its in has.items()
         if not its.all()
     ]
@@ -73,7 +73,9 @@ def kept_apart(scene: Scene | None) -> tuple[str, ...]:
         return ("collisions: NOT CHECKED",)
     found = [_distances(scene)]
     if scene.unchecked:
-        found.insert(0, f"NOT CHECKED for collisions: {_some(scene.unchecked, '; ')}")
+        found.insert(
+            0, f"NOT CHECKED for collisions: {some_of(scene.unchecked, _NAMED, '; ')}"
+        )
     return tuple(found)
 
 
@@ -106,13 +108,7 @@ def _around(scene: Scene) -> str:
             words.append(body.name)
     if not words:
         return "no floor and no obstacle is known (--ground, [excitation.scene])"
-    return f"around it: {_some(tuple(words), ', ')}"
-
-
-def _some(names: tuple[str, ...], between: str) -> str:
-    more = len(names) - _NAMED
-    shown = between.join(names[:_NAMED])
-    return f"{shown}{between}and {more} more" if more > 0 else shown
+    return f"around it: {some_of(words, _NAMED)}"
 
 
 def least_moved(path: JointPath, limits: MotionLimits) -> str:
@@ -128,7 +124,7 @@ def least_moved(path: JointPath, limits: MotionLimits) -> str:
             f"{limits.joints[k]} ({100.0 * shares[k]:.2g} % of its range)" for k in few
         )
         verb = "moves" if len(few) == 1 else "move"
-        return f"hardly {verb}: {_some(named, ', ')}"
+        return f"hardly {verb}: {some_of(named, _NAMED)}"
     k = int(np.argmin(shares))
     return f"least moved: {limits.joints[k]}, {100.0 * shares[k]:.0f} % of its range"
 
@@ -311,7 +307,10 @@ def _torque_of(design: ExcitationDesign) -> str:
 def _searched(design: ExcitationDesign) -> str:
     """Return the extent of the search, in words."""
     starts = f"{design.starts} start" + "s" * (design.starts != 1)
-    searched = f"{starts} from seed {design.seed}, {design.seconds:.1f} s"
+    searched = (
+        f"{starts} from seed {design.seed}, {design.seconds:.1f} s; the time limit is "
+        "that of random paths and searches alone, not of meshes, poses and proofs"
+    )
     if len(design.tried) < 2:
         return searched
     counts = ", ".join(str(len(form.frequencies)) for form in design.tried)

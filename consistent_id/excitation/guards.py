@@ -17,7 +17,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id.excitation.basis import FourierBasis
-from consistent_id.excitation.kernels import TorqueKernel
+from consistent_id.excitation.kernels import ParameterTorque
 from consistent_id.motion.collisions.scene import (
     BodyPlaces,
     Scene,
@@ -30,7 +30,6 @@ from consistent_id.motion.collisions.separation import (
     separation,
     separation_slopes,
 )
-from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.kinematics import link_places
 
 _TIGHTER = 0.03  # share of a limit given up where a proof has failed
@@ -122,25 +121,22 @@ class Guard(Protocol):
         """
 
 
-@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class TorqueGuard:
     """Torque of every parameter vector of a set, relative to the limit.
 
     Parameters
     ----------
-    parameters : ndarray, shape (members, parameters)
+    predicted : ParameterTorque
+        Tightened guards have the same.
     effort : ndarray, shape (torque joints,), [N m or N]
     reach : float
         Share of the limit that may be used at a sample.
-    slow : ndarray, shape (joints,), optional, [rad/s or m/s]
-        Velocities that replace the jump of Coulomb friction, see `smooth`.
     """
 
-    model: TorqueModel
-    parameters: Matrix
+    predicted: ParameterTorque
     effort: Vector
     reach: float
-    slow: Vector | None = None
 
     @property
     def keeps_apart(self) -> bool:
@@ -165,11 +161,11 @@ class TorqueGuard:
     @property
     def seconds(self) -> float:
         """Work of all torques at one time."""
-        return _TORQUE * len(self.effort) ** 2 * len(self.parameters)
+        return _TORQUE * len(self.effort) ** 2 * len(self.predicted.parameters)
 
     def measure(self, motion: Array) -> Matrix:
         """Return the excess of each torque over its limit."""
-        torque = self._kernel.torque(motion)
+        torque = self.predicted.kernel.torque(motion)
         return (abs(torque) / self.effort - self.reach).reshape(len(torque), -1)
 
     def kept(self, motion: Array) -> bool:
@@ -185,7 +181,7 @@ class TorqueGuard:
         samples = np.arange(motion.shape[1])
         # Each number of samples has memory: few numbers, by repeating the last one.
         motion = motion[:, np.minimum(np.arange(_padded(len(samples))), samples[-1])]
-        kernel = self._kernel
+        kernel = self.predicted.kernel
         member, joint = np.divmod(items, len(self.effort))
         torque = kernel.torque(motion)[samples, member, joint]
         slopes = kernel.slopes(motion)[samples, member, joint]
@@ -194,7 +190,8 @@ class TorqueGuard:
 
     def item_name(self, item: int) -> str:
         """Name the joint."""
-        return f"torque of joint {self.model.torque_joints[item % len(self.effort)]!r}"
+        joints = self.predicted.model.torque_joints
+        return f"torque of joint {joints[item % len(self.effort)]!r}"
 
     def initial_places(self, times: int) -> "set[WatchedPlace]":
         """Return none: few torques come near their limits, and rows take time."""
@@ -206,27 +203,17 @@ class TorqueGuard:
         peaks: Mapping[str, float] | None = None,
     ) -> Self:
         """Return a guard with lower limits, and given peaks for some joints."""
-        joints = self.model.torque_joints
+        joints = self.predicted.model.torque_joints
         most = np.array([(peaks or {}).get(joint, np.inf) for joint in joints])
         return replace(
             self, reach=self.reach - _TIGHTER, effort=np.minimum(self.effort, most)
         )
-
-    @property
-    def _kernel(self) -> TorqueKernel:
-        if self not in _KERNELS:
-            _KERNELS[self] = TorqueKernel(self.model, self.parameters, self.slow)
-        return _KERNELS[self]
 
 
 def _padded(samples: int) -> int:
     """Return the number of samples at which so many rows are computed."""
     few = next((count for count in _FEW if samples <= count), None)
     return -(-samples // _ROWS) * _ROWS if few is None else few
-
-
-# CasADi functions with their own memory, which is not sent to other processes.
-_KERNELS: WeakKeyDictionary[TorqueGuard, TorqueKernel] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

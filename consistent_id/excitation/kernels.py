@@ -4,8 +4,9 @@ One sample's regressor is an SX expression.  So is the gradient of ``sum S * Y``
 respect to the sample's motion, for any matrix ``S``; both are mapped over the samples.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -119,6 +120,34 @@ class TorqueKernel:
         if key not in self._mapped:
             self._mapped[key] = _Mapped(function, key[1])
         return self._mapped[key](_stacked(motion))
+
+
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+class ParameterTorque:
+    """The torque of given parameters, whose kernel is compiled once.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    parameters : ndarray, shape (members, parameters)
+    slow : ndarray, shape (joints,), optional, [rad/s or m/s]
+        See `smooth`.
+    """
+
+    model: TorqueModel
+    parameters: Matrix
+    slow: Vector | None = None
+
+    @property
+    def kernel(self) -> TorqueKernel:
+        """The torque as a function of motion, with derivatives."""
+        if self not in _KERNELS:
+            _KERNELS[self] = TorqueKernel(self.model, self.parameters, self.slow)
+        return _KERNELS[self]
+
+
+# CasADi functions with their own memory, which is not sent to other processes.
+_KERNELS: WeakKeyDictionary[ParameterTorque, TorqueKernel] = WeakKeyDictionary()
 
 
 def slow_speeds(limits: MotionLimits) -> Vector:

@@ -90,8 +90,8 @@ def _unreported(best: FoundPath) -> None:
 
 def random_candidate(problem: SearchProblem, number: int) -> FoundPath:
     """Return a random path as a candidate; without variables if it violates a limit."""
-    variables = problem.random(number)
-    if any(measure.max() > _ROUNDING for measure in problem.measures(variables)):
+    variables, _, kept = problem.drawn(number)
+    if not kept:
         return FoundPath(number)
     score = problem.score(problem.objective, variables)
     return FoundPath(number, variables, score)
@@ -120,7 +120,7 @@ def searched_path(
     given = start.variables is not None
     variables, meter = start.variables if given else start.drawn, Meter(work)
     if variables is None:
-        variables, meter.spent = problem.drawn(start.number)
+        variables, meter.spent, _ = problem.drawn(start.number)
     run = _PathSearch(problem, FoundPath(start.number), meter, ended, report)
     run.consider_near(np.asarray(variables))
     for power, iterations in _phases(problem.objective, given):

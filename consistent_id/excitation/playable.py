@@ -44,7 +44,7 @@ from consistent_id.robot.model import RobotModel
 
 _REACH = 0.95  # share of the limits that a path may use
 _SWINGS = (1.0, 0.85, 0.65, 0.4, 0.2)  # shares of its amplitude, tried in this order
-_AMONG_BODIES = 6  # random paths to choose from in a scene, where each takes long
+_MOST_IN_SCENE = 6  # random paths to choose from in a scene: each takes long
 _OF_ONE_SWING = 2  # proven paths; if none can be played, slower ones may
 _MEASURED = 8  # times for each joint, at most, that a random path's guards are measured
 _DRAWING = 90.0  # units of work, at most, for random paths; the first has no limit
@@ -121,7 +121,7 @@ def _validation_paths(
     count = int(np.ceil(_GRID * form.frequencies[-1] * form.duration))
     time = np.linspace(0.0, form.duration, count + 1)
     if any(guard.keeps_apart for guard in guards):
-        drawn = drawn[:_AMONG_BODIES]
+        drawn = drawn[:_MOST_IN_SCENE]
     work = _MEASURED * shape[1] * len(time) * sum(guard.seconds for guard in guards)
     drawn = drawn[: max(int(_DRAWING / max(work, 1e-9)), 1)]
     known = design.trajectory  # keeps all limits: its poses are clear
@@ -262,6 +262,13 @@ def playable_design(
         executor=executor,
         progress=progress,
     )
+    return _with_moves(design, request, seed, (*request.notes, *moved.notes))
+
+
+def _with_moves(
+    design: ExcitationDesign, request: DesignRequest, seed: int, notes: tuple[str, ...]
+) -> PlayableDesign:
+    """Return a design with the moves that play it and a validation path."""
     played: dict[str, ProvenMove] = {}
     refusals: list[str] = []
     validation = None
@@ -277,14 +284,14 @@ def playable_design(
         validation, played[VALIDATION] = _validation(design, request, seed, most)
     except (InfeasibleError, ProblemError) as cause:
         refusals.append(f"there is no validation motion: {cause}")
-    notes = [f"{name}: {one.note}" for name, one in played.items() if one.note]
+    of_moves = [f"{name}: {one.note}" for name, one in played.items() if one.note]
     return PlayableDesign(
         design,
         validation,
         moves={name: one.move for name, one in played.items()},
         proofs={name: one.proof for name, one in played.items()},
         refusals=tuple(refusals),
-        notes=(*request.notes, *moved.notes, *notes),
+        notes=(*notes, *of_moves),
     )
 
 

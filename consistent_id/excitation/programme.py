@@ -13,7 +13,7 @@ several limits; steps can.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,9 +29,11 @@ _NEAREST = 2  # rows per variable that are included first, at most: few become a
 _ADDED = 10  # most programmes of a step; rows that the last one violates are added
 _BEYOND = 1e-3  # by which a step may exceed a row that is not included
 _STEADY = 1e-6  # of the curvature's mean, added to its diagonal
-_SOLVED = 2e-3  # work of a quadratic programme,
-_PRODUCT = 4e-7  # per row and variable,
-_SQUARED = 1e-9  # and per row and square of the variables, which matters above 200
+_SOLVED = 1.5e-4  # work of an iteration of a quadratic programme,
+_PRODUCT = 3e-8  # per row and variable,
+_SQUARED = 8e-11  # and per row and square of the variables, which matters above 200
+_ITERATIONS = 200  # most of a programme; a dozen are usual
+_LEAST = 20  # the same if little work is left
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,11 +201,15 @@ def best_step(
     curvature = sparse.triu(sparse.csc_array(local.curvature + steady), format="csc")
     step: Vector | None = None
     for _ in range(_ADDED):
+        if meter is not None and step is not None and meter.over:
+            return None
+        work = _SOLVED + (_PRODUCT + _SQUARED * size) * float(chosen.sum()) * size
+        left = np.inf if meter is None else meter.left / work
+        most = int(np.clip(left, _LEAST, _ITERATIONS))
+        solved = _least(curvature, local.slope, A[chosen], room[chosen], reach, most)
+        step = solved.step
         if meter is not None:
-            if step is not None and meter.over:
-                return None
-            meter.spent += _SOLVED + (_PRODUCT + _SQUARED * size) * chosen.sum() * size
-        step = _least(curvature, local.slope, A[chosen], room[chosen], reach)
+            meter.spent += work * solved.iterations
         if step is None:
             break
         beyond = A @ step > room + _BEYOND
@@ -213,10 +219,20 @@ def best_step(
     return step
 
 
+class _Solved(NamedTuple):
+    """The step that solves a quadratic programme, if any, and the iterations for it."""
+
+    step: Vector | None
+    iterations: int
+
+
 def _least(
-    curvature: Any, slope: Vector, A: Any, room: Vector, reach: float
-) -> Vector | None:
-    """Minimise a quadratic under ``A d <= room`` and ``|d| <= reach``."""
+    curvature: Any, slope: Vector, A: Any, room: Vector, reach: float, most: int
+) -> _Solved:
+    """Minimise a quadratic under ``A d <= room`` and ``|d| <= reach``.
+
+    It has no solution if `most` iterations do not find it.
+    """
     import clarabel
     from scipy import sparse
 
@@ -225,6 +241,7 @@ def _least(
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
+    settings.max_iter = most
     right = np.concatenate([room, np.full(2 * size, reach)])
     solver = clarabel.DefaultSolver(
         curvature,
@@ -236,4 +253,5 @@ def _least(
     )
     found = solver.solve()
     solved = clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved
-    return np.asarray(found.x) if found.status in solved else None
+    step = np.asarray(found.x) if found.status in solved else None
+    return _Solved(step, int(found.iterations))

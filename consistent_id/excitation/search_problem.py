@@ -45,14 +45,24 @@ _SAMPLES = 100  # least samples of a path, and ten per period of the highest fre
 _GRID = 24  # samples per period of the highest frequency, at which guards measure
 _STRIDE = 3  # every third of these times is enough for a random path
 _ROW = 3e-6  # work of a guard's row for each joint
+_DRAW = 0.6  # for each joint, of the work of measuring guards at these times
 _FILL = 0.8  # share of the limits that a random path uses
 
 
 class RandomPath(NamedTuple):
-    """A random path, shape (size, joints), and the work of finding it."""
+    """A random path, and the work of finding it.
+
+    Attributes
+    ----------
+    path : ndarray, shape (size, joints)
+    work : float
+    kept : bool
+        Whether it keeps all limits on the grid.
+    """
 
     path: Matrix
     work: float
+    kept: bool
 
 
 class Information(NamedTuple):
@@ -154,6 +164,7 @@ class SearchProblem:
             len(self.limits.time) * joints,
             measure=len(self.grid) * sum(queries),
             row=_ROW * joints,
+            draw=_DRAW * joints * len(self.grid[::_STRIDE]) * sum(queries),
         )
 
     @property
@@ -187,7 +198,8 @@ class SearchProblem:
         limits = PathLimits(basis, self.limits, self.guards, times, meter, self.poses)
         path = clear_start(variables, limits, rng)
         path.setflags(write=False)
-        return RandomPath(path, meter.spent)
+        kept = replace(limits, time=self.grid).kept(path)
+        return RandomPath(path, meter.spent, kept)
 
     def criterion(self, objective: Objective, power: float = np.inf) -> Criterion:
         """Return an objective's criterion, smoothed or exact.

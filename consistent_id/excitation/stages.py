@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -86,6 +87,29 @@ def _unchanged(first: Stage, problem: SearchProblem) -> Stage:
     )
 
 
+class FormSearch(NamedTuple):
+    """The problem of the form that was searched, and the stages of its search."""
+
+    problem: SearchProblem
+    stages: tuple[Stage, ...]
+
+
+class _TriedProof(NamedTuple):
+    """A candidate and the proof that was tried."""
+
+    found: FoundPath
+    path: FourierTrajectory
+    proof: PathProof
+
+
+class _Again(NamedTuple):
+    """A search with lower limits, its starts, and its least share of the work."""
+
+    problem: SearchProblem
+    starts: Sequence[FoundPath]
+    share: float
+
+
 @dataclass(slots=True)
 class DesignSearch:
     """The search for a design: its stages share proofs and an allowance of work.
@@ -107,6 +131,11 @@ class DesignSearch:
     starts: int
     meter: Meter
     _proofs: dict[bytes, PathProof] = field(default_factory=dict, init=False)
+
+    def run(self, problems: Sequence[SearchProblem]) -> FormSearch:
+        """Search the most promising of several forms; see `best_form` and `stages`."""
+        trial = self.best_form(problems)
+        return FormSearch(trial.problem, self.stages(trial))
 
     def best_form(self, problems: Sequence[SearchProblem]) -> FormTrial:
         """Return the most promising form; each of several has a short search.
@@ -208,44 +237,72 @@ class DesignSearch:
                 raise _NothingYet
             if not usable:
                 raise _nothing_found(found, early)
-            worst = usable[0].score + _WORSE
-            if attempt == _ATTEMPTS - 1 or interrupted():
-                worst = np.inf
-            tried = len(proofs)
-            for one in usable:
-                if one.score > worst:
-                    break
-                path = problem.basis.trajectory(np.asarray(one.variables))
-                proof = self._proof(path)
-                proofs.append(proof)
-                if proof.holds:
-                    best = min((path.score for path in known), default=np.inf)
-                    accuracy = self._accuracy(problem, path)
-                    return Stage(
-                        objective=problem.objective,
-                        trajectory=path,
-                        value=_value(problem, accuracy),
-                        accuracy=accuracy,
-                        proof=proof,
-                        candidates=(one, *_others(one, found)),
-                        searches=searches,
-                        cut_short=cut_short,
-                        improved=one.score < best - _EQUAL,
-                    )
+            last = attempt == _ATTEMPTS - 1 or interrupted()
+            tried = self._tried(problem, usable, np.inf if last else _WORSE)
+            one, path, proof = tried[-1]
+            if proof.holds:
+                best = min((path.score for path in known), default=np.inf)
+                accuracy = self._accuracy(problem, path)
+                return Stage(
+                    objective=problem.objective,
+                    trajectory=path,
+                    value=_value(problem, accuracy),
+                    accuracy=accuracy,
+                    proof=proof,
+                    candidates=(one, *_others(one, found)),
+                    searches=searches,
+                    cut_short=cut_short,
+                    improved=one.score < best - _EQUAL,
+                )
+            proofs += [one.proof for one in tried]
             if interrupted():
                 break
-            near = [p.clearance for p in proofs if p.clearance is not None]
-            failed = [(c.first, c.second) for c in near if not c.holds]
-            peaks = _allowed_peaks(proofs[tried])
-            guards = tuple(g.tightened(failed, peaks) for g in problem.guards)
-            problem, starts = replace(problem, guards=guards), usable[:_REFINED]
-            least = _AGAIN  # they are near to paths that keep the lower limits
-            if peaks:  # for which the paths found so far are far away
-                starts = [FoundPath(number) for number in range(self.starts)]
-                least = _MORE
-            work = max(share * meter.allowed - meter.spent, least * meter.allowed)
+            again = self._tightened(problem, usable, proofs, tried[0].proof)
+            problem, starts = again.problem, again.starts
+            least = again.share * meter.allowed
+            work = max(share * meter.allowed - meter.spent, least)
         proofs[0].require()
         raise InfeasibleError("no path was found that keeps all limits")
+
+    def _tried(
+        self, problem: SearchProblem, usable: Sequence[FoundPath], worse: float
+    ) -> list[_TriedProof]:
+        """Try to prove candidates, best first, until a proof holds.
+
+        None is tried whose score is worse than the best one's by more than `worse`.
+        """
+        tried: list[_TriedProof] = []
+        for one in usable:
+            if one.score > usable[0].score + worse:
+                break
+            path = problem.basis.trajectory(np.asarray(one.variables))
+            tried.append(_TriedProof(one, path, self._proof(path)))
+            if tried[-1].proof.holds:
+                break
+        return tried
+
+    def _tightened(
+        self,
+        problem: SearchProblem,
+        usable: Sequence[FoundPath],
+        proofs: Sequence[PathProof],
+        best: PathProof,
+    ) -> _Again:
+        """Return the search with limits that are lower where proofs failed.
+
+        It goes on from the best paths, which are near to paths that keep these limits;
+        but it begins anew if torque of the best one violates a limit over time: for
+        such limits they are far away.
+        """
+        near = [p.clearance for p in proofs if p.clearance is not None]
+        failed = [(c.first, c.second) for c in near if not c.holds]
+        peaks = _allowed_peaks(best)
+        guards = tuple(g.tightened(failed, peaks) for g in problem.guards)
+        problem = replace(problem, guards=guards)
+        if peaks:
+            anew = [FoundPath(number) for number in range(self.starts)]
+            return _Again(problem, anew, _MORE)
+        return _Again(problem, usable[:_REFINED], _AGAIN)
 
     def _accuracy(
         self, problem: SearchProblem, path: FourierTrajectory

@@ -1,15 +1,16 @@
 """The demands on a path, and their proof over its whole duration."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Matrix, checked
+from consistent_id._support.arrays import Matrix, checked, freeze
+from consistent_id._support.tables import some_of
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.guards import ClearanceGuard, Guard, TorqueGuard
-from consistent_id.excitation.kernels import slow_speeds
+from consistent_id.excitation.kernels import ParameterTorque, slow_speeds
 from consistent_id.motion.collisions.clearance import (
     ClearanceReport,
     prove_clearance,
@@ -52,6 +53,11 @@ class Demands:
         Notes on limits that are not checked, with reasons.
     torque_of : str
         Model whose torque is compared with the limits.
+
+    Attributes
+    ----------
+    predicted : ParameterTorque, optional
+        The torque of all joints: one whose torque is not measured has a motor, too.
     """
 
     limits: MotionLimits
@@ -60,19 +66,25 @@ class Demands:
     scene: Scene | None
     notes: tuple[str, ...]
     torque_of: str = "of the given parameters"
+    predicted: ParameterTorque | None = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        predicted = None
+        if self.parameters is not None:
+            every = replace(self.model, torque_joints=())
+            slow = slow_speeds(self.limits)
+            predicted = ParameterTorque(every, self.parameters, slow)
+        freeze(self, predicted=predicted)
 
     @property
     def guards(self) -> tuple[Guard, ...]:
         """The limits that are not linear in a search's variables."""
         guards: list[Guard] = []
-        if self.parameters is not None:
-            # a joint whose torque is not measured has a motor too
-            every = replace(self.model, torque_joints=())
-            slow = slow_speeds(self.limits)
+        if self.predicted is not None:
             # a joint with only a limit over time begins with twice this limit
             peak = np.isinf(self.limits.effort)
             effort = np.where(peak, 2.0 * self.limits.effort_rms, self.limits.effort)
-            guards.append(TorqueGuard(every, self.parameters, effort, _REACH, slow))
+            guards.append(TorqueGuard(self.predicted, effort, _REACH))
         if self.scene is not None and self.scene.pairs:
             guards.append(ClearanceGuard(self.scene))
         return tuple(guards)
@@ -231,9 +243,8 @@ def _uncounted(scene: Scene | None) -> tuple[str, ...]:
     ]
     if not names:
         return ()
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return (
-        f"torque limits: without the weight of {', '.join(names[:_NAMED])}{more}, "
+        f"torque limits: without the weight of {some_of(names, _NAMED)}, "
         "which the robot carries behind its tip; it counts if their joints are locked "
         "instead (--lock, without --tip)",
     )

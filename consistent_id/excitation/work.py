@@ -31,6 +31,8 @@ class Costs:
         Measuring all guards along the grid.
     row : float
         A row of a guard, with its derivatives.
+    draw : float
+        A random path that violates guards, enlarged as far as they allow.
     """
 
     gradient: float
@@ -38,6 +40,7 @@ class Costs:
     iteration: float
     measure: float = 0.0
     row: float = 0.0
+    draw: float = 0.0
 
     @property
     def step(self) -> float:
@@ -70,6 +73,7 @@ def search_costs(
     *,
     measure: float = 0.0,
     row: float = 0.0,
+    draw: float = 0.0,
 ) -> Costs:
     """Return the costs of a search of a size.
 
@@ -81,9 +85,9 @@ def search_costs(
         Number of nonzeros of the linear limits' rows.
     samples : int
         Samples times joints, at which the linear limits are measured.
-    measure, row : float
+    measure, row, draw : float
         See `Costs`.
     """
     gradient = _ENTRY * entries
     iteration = _STEP + _NONZERO * nonzeros + _SHAPE * samples
-    return Costs(gradient, _VALUE * gradient, iteration, measure, row)
+    return Costs(gradient, _VALUE * gradient, iteration, measure, row, draw)

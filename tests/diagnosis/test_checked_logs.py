@@ -200,7 +200,7 @@ def test_other_masses_do_not_stand_in_for_what_all_logs_show(
         factors=SimpleNamespace(model=model), recording=SimpleNamespace(name="a.csv")
     )
     monkeypatch.setattr(all_logs, "joint_shifts", lambda _: [])
-    monkeypatch.setattr(all_logs, "scale_instead", lambda _, found: found)
+    monkeypatch.setattr(all_logs, "scale_instead", lambda *values: values[-1])
     monkeypatch.setattr(all_logs, "_of_whole_robot", lambda _: whole)
     open_ = OpenLog(fitted, (), tuple(_said(kind) for kind in odd))
     found = all_logs._of_all([open_])

@@ -1,6 +1,7 @@
 """The clock beside free bodies: no nominal body tells how fast it runs."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,19 +10,21 @@ from faulty_logs import arm as other_arm
 from known_arm import arm, logged, slow_log
 
 from consistent_id import InertialParameters
-from consistent_id.diagnosis import all_logs, diagnose, free_clock
+from consistent_id.diagnosis import all_logs, diagnose, free_clock, joint_shifts
+from consistent_id.diagnosis.encoder_scales import scale_instead
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
 from consistent_id.diagnosis.factor_rows import FactorLogs
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.free_clock import (
     SURE,
+    SureClock,
     clock_instead,
     free_clock_findings,
-    misfit_without_clock,
 )
 from consistent_id.diagnosis.free_clock import (
     free_clock as estimated,
 )
+from consistent_id.diagnosis.joint_shifts import CommonShifts
 from consistent_id.regression import base_parameters
 
 
@@ -164,34 +167,52 @@ def _slow(seed, factor):
     return replace(log, time=factor * log.time, velocity=log.velocity / factor)
 
 
-def test_a_clock_that_explains_more_than_zeros_and_gains_is_named_instead(monkeypatch):
-    fitted = [_fitted(_slow(1, 1.1))]
-    misfit = misfit_without_clock(fitted)
-    assert misfit < 0.9 * fitted[0].misfit
-    name = "misfit_without_shifts"
-    monkeypatch.setattr(free_clock, name, lambda _: 1.01 * misfit)
-    first, *rest = clock_instead(fitted, [GAIN, HIDDEN])
+def test_a_clock_that_explains_more_than_zeros_and_gains_is_named_instead():
+    fitted = _fitted(_slow(1, 1.1))
+    clock = SureClock([fitted])
+    assert clock.misfit < 0.9 * fitted.misfit
+    worse = SimpleNamespace(misfit=1.01 * clock.misfit)
+    first, *rest = clock_instead(clock, worse, [GAIN, HIDDEN])
     assert (first.kind, first.severity, rest) == ("clock", "fault", [HIDDEN])
     assert float(first.size.split()[0]) == pytest.approx(1.1, rel=0.02)
-    monkeypatch.setattr(free_clock, name, lambda _: 0.99 * misfit)
-    assert clock_instead(fitted, [GAIN, HIDDEN]) == [GAIN, HIDDEN]
+    better = SimpleNamespace(misfit=0.99 * clock.misfit)
+    assert clock_instead(clock, better, [GAIN, HIDDEN]) == [GAIN, HIDDEN]
 
 
 @pytest.mark.parametrize(
     "found", [[HIDDEN], [replace(GAIN, severity="warning")], [replace(GAIN, kind="x")]]
 )
 def test_only_faults_of_zeros_and_gains_are_compared_with_a_clock(found):
-    assert clock_instead([], found) == found
+    assert clock_instead(SureClock([]), CommonShifts([]), found) == found
 
 
 def test_no_clock_is_found_in_a_right_log_nor_in_one_of_a_single_torque():
-    assert misfit_without_clock([_fitted(clean_log(1))]) == np.inf
+    assert SureClock([_fitted(clean_log(1))]).misfit == np.inf
     model, log = (
         replace(other_arm(), torque_joints=("joint2",)),
         at_samples(_slow(1, 2)),
     )
     one = fitted_log(model, log, datasheet_constraints(model), base_parameters(model))
-    assert misfit_without_clock([one]) == np.inf
+    assert SureClock([one]).misfit == np.inf
+
+
+def test_the_clock_and_the_shifts_of_logs_are_searched_once(monkeypatch):
+    searched = []
+    for module, name in ((free_clock, "free_clock"), (joint_shifts, "moved_channels")):
+        search = getattr(module, name)
+
+        def noted(*arguments, name=name, search=search):
+            searched.append(name)
+            return search(*arguments)
+
+        monkeypatch.setattr(module, name, noted)
+    fitted = _fitted(_slow(1, 1.1))
+    clock, shifts = SureClock([fitted]), CommonShifts([fitted])
+    found = joint_shifts.joint_shifts(shifts)
+    assert {f.kind for f in found if f.severity == "fault"} == {"torque gain"}
+    named = scale_instead(clock, shifts, clock_instead(clock, shifts, found))
+    assert [f.kind for f in named if f.severity == "fault"] == ["clock"]
+    assert sorted(searched) == ["free_clock", "moved_channels"]
 
 
 @pytest.mark.slow

@@ -5,17 +5,20 @@ import pytest
 from excited import FRICTION, arm, arm_limits, arm_problem
 
 from consistent_id import DriveTerms, ProblemError, TorqueModel
+from consistent_id.excitation import kernels
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.basis import FourierBasis, limit_rows, null_space
 from consistent_id.excitation.criteria import criterion_of, of_some, scaled, spread
 from consistent_id.excitation.guards import TorqueGuard, WatchedPlace, guard_rows
 from consistent_id.excitation.kernels import (
+    ParameterTorque,
     RegressorKernel,
     TorqueKernel,
     slow_speeds,
     smooth,
 )
 from consistent_id.excitation.search_problem import PathInformation
+from consistent_id.excitation.verification import demands
 from consistent_id.regression import base_parameters
 
 OBJECTIVES = ("condition", "D", "A", "E", "task")
@@ -286,7 +289,7 @@ def test_rows_of_a_guard_have_the_slopes_of_finite_differences():
     robot = arm(2)
     model = TorqueModel(robot)
     members = np.array([robot.nominal, 1.3 * robot.nominal])
-    guard = TorqueGuard(model, members, np.array([5.0, 10.0]), 0.9)
+    guard = TorqueGuard(ParameterTorque(model, members), np.array([5.0, 10.0]), 0.9)
     basis, rng = basis_of(FORMS[0]), np.random.default_rng(0)
     variables, direction = rng.normal(size=(2, basis.size, 2))
     grid = np.linspace(0.0, 5.0, 40)
@@ -330,3 +333,18 @@ def test_limit_rows_never_take_a_path_for_smaller_than_it_is(form, seed):
     kept = basis.trajectory(rows.within(3.0 * variables)).evaluate(time, 3)
     kept[0] -= basis.limits.middle
     assert (abs(kept).max(axis=1) <= limits * (1.0 + 1e-12)).all()
+
+
+def test_a_tightened_guard_needs_no_other_kernel(monkeypatch):
+    robot, compiled = arm(2), []
+    kernel = kernels.TorqueKernel
+    monkeypatch.setattr(
+        kernels, "TorqueKernel", lambda *of: compiled.append(of) or kernel(*of)
+    )
+    required = demands(TorqueModel(robot), arm_limits(robot, effort=10.0))
+    motion = np.zeros((3, 4, 2))
+    (guard,), (again,) = required.guards, required.guards
+    loose = guard.measure(motion)
+    assert (guard.tightened().measure(motion) > loose).all()
+    assert np.array_equal(again.measure(motion), loose)
+    assert len(compiled) == 1

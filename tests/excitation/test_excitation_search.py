@@ -10,6 +10,7 @@ from some_fast import some_fast
 from consistent_id import SolverError, TorqueModel
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.guards import TorqueGuard
+from consistent_id.excitation.kernels import ParameterTorque
 from consistent_id.excitation.path_search import FoundPath, searched_path
 from consistent_id.excitation.searches import Lanes
 
@@ -103,7 +104,7 @@ def test_a_later_stage_improves_its_objective_and_keeps_the_bound():
 
 def guarded(effort, members):
     model = TorqueModel(arm(2))
-    guard = TorqueGuard(model, members, np.full(2, effort), 1.0)
+    guard = TorqueGuard(ParameterTorque(model, members), np.full(2, effort), 1.0)
     return arm_problem(model, guards=(guard,))
 
 

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from consistent_id import InfeasibleError
+from consistent_id.excitation import clear_poses
 from consistent_id.excitation.clear_poses import (
     cleared,
     require_clear_pose,
     worst_excess,
 )
 from consistent_id.excitation.verification import demands
+from consistent_id.excitation.work import Meter
 from consistent_id.motion import Body, Box, Sphere, build_scene, motion_limits
 from consistent_id.motion.collisions.separation import nearest
 from consistent_id.regression.regressor import TorqueModel
@@ -85,3 +87,44 @@ def test_a_pose_is_found_in_a_narrow_gap():
 
 def test_one_post_beside_the_arm_is_no_obstacle():
     require_clear_pose(_demands(_post(0.0, 0.6, 0.05)))
+
+
+def test_a_pose_that_no_step_betters_is_given_up(monkeypatch):
+    """Between two limits that contradict each other, steps go to and fro."""
+    looked = []
+
+    def between(pose, guards):
+        looked.append(float(pose[0]))
+        return np.array([0.5 - pose[0], 0.5 + pose[0]]), np.array([[-1.0], [1.0]])
+
+    monkeypatch.setattr(clear_poses, "_violations", between)
+    low, high = -np.ones(1), np.ones(1)
+    pose = clear_poses._moved(np.zeros(1), (), low, high, None)
+    assert pose == 0.0 and len(looked) == 1 + clear_poses._STALLED < clear_poses._STEPS
+
+
+@pytest.mark.parametrize(
+    ("obstacles", "looked"), [([], 0), ([_post(0.0, 0.6, 0.05)], 0), (_ring(0.0), 1)]
+)
+def test_bodies_alone_are_only_measured_where_no_clear_pose_is_known(
+    obstacles, looked, monkeypatch
+):
+    required, called = _demands(*obstacles), []
+    monkeypatch.setattr(
+        clear_poses, "require_clear_pose", lambda *of: called.append(of)
+    )
+    poses = clear_poses.clear_poses(required)
+    assert len(called) == looked
+    assert (poses is None) == (not obstacles or looked == 1)
+    if poses is not None:
+        assert worst_excess(poses, required.guards).max() <= 0.0
+
+
+def test_the_work_of_poses_is_counted():
+    guards, meter = _demands(_post(0.0, 0.6, 0.05)).guards, Meter()
+    one = sum(guard.seconds for guard in guards)
+    worst = worst_excess(np.zeros((7, 2)), guards, meter)
+    assert meter.spent == pytest.approx(7 * one)
+    low, high = -np.ones(2), np.ones(2)
+    cleared(np.zeros((1, 2)), worst[:1], guards, low, high, meter)
+    assert meter.spent >= 9 * one

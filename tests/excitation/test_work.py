@@ -193,10 +193,20 @@ def test_forms_are_tried_only_if_a_trial_has_a_step():
 
 def test_a_limit_that_is_short_for_the_robot_is_said_before_the_search(caplog):
     of = problem().guarded((Slow(0.05),))
-    step = of.costs.step
-    _warn_if_short([of], 30.0 * step)
+    step, draw = of.costs.step, of.costs.draw
+    _warn_if_short([of], 30.0 * step + 2.0 * draw, 2)
     assert not caplog.messages
-    _warn_if_short([of], 2.0 * step)
+    # Each random path takes its work from that of the steps.
+    limit = 12.0 * step + 2.0 * draw
+    few, many = 1, 8
+    _warn_if_short([of], limit, few)
+    assert not caplog.messages
+    _warn_if_short([of], limit, many)
+    (said,) = caplog.messages
+    assert f"its random paths {8.0 * draw:.2g} s" in said
+    caplog.clear()
+    _warn_if_short([of], 2.0 * step, few)
     (said,) = caplog.messages
     assert said.startswith("with 3 joints and 4000 pairs of bodies, a step of the sear")
-    assert f"--time-limit {60.0 * step:.0f} finds a better motion" in said
+    enough = min(60.0 * step + draw, 60.0 * step / 0.8)
+    assert f"--time-limit {enough:.0f} finds a better motion" in said

@@ -1,10 +1,13 @@
 """A scene watches what can come together, and says what it does not watch."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
 from consistent_id import DHRow, ProblemError, from_modified_dh
-from consistent_id.motion import Body, Box, Scene, Sphere, build_scene, plane
+from consistent_id.motion import Body, Box, Hull, Scene, Sphere, build_scene, plane
 from consistent_id.motion.collisions.scene import Pair
 from consistent_id.motion.collisions.scene_building import random_poses
 from consistent_id.motion.collisions.separation import nearest
@@ -138,3 +141,14 @@ def test_a_linkage_that_overlaps_at_every_opening_is_not_checked_as_a_whole():
     # Where distances were stated, nothing is left out.
     strict = build_scene(hand, [finger, *ends], relax=False, **linked)
     assert len(strict.pairs) == 2 and not strict.unchecked
+
+
+def test_nothing_of_a_scene_is_kept_when_it_is_gone():
+    corners = np.random.default_rng(0).normal(size=(20, 3))
+    hull = Body("hull", Hull(corners), "link4")
+    scene = build_scene(ARM, [_ball("link1"), hull])
+    nearest(scene, np.zeros((1, 4)))
+    kept = weakref.ref(hull.shape.points)
+    del scene, hull
+    gc.collect()
+    assert kept() is None

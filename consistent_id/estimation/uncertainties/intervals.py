@@ -216,7 +216,7 @@ def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:
     return low, high
 
 
-class _Proven(NamedTuple):
+class _ProvenBound(NamedTuple):
     """A proven bound, and the share of the end by which it may be beyond that."""
 
     bound: float
@@ -265,17 +265,17 @@ class _IntervalProgramme:
 
     def _proven(
         self, cost: Vector, rows: Sequence[ConeRows], point: ConePoint | None
-    ) -> _Proven:
+    ) -> _ProvenBound:
         """Return the bound that a point's multipliers prove."""
         if point is None:
-            return _Proven(-np.inf, np.inf)
+            return _ProvenBound(-np.inf, np.inf)
         least = float(cost @ point.x)
         size = max(abs(least), _SMALL)
         # The ball's multiplier is the change for a radius twice as large.
         if point.duals[-1][0] > _FELT * size:
-            return _Proven(-np.inf, 0.0)
+            return _ProvenBound(-np.inf, 0.0)
         bound = lower_bound(cost, rows, point.duals, self.ball)
-        return _Proven(bound, (least - bound) / size)
+        return _ProvenBound(bound, (least - bound) / size)
 
 
 def _programme(best: BestFit, ball: Ball) -> _IntervalProgramme:

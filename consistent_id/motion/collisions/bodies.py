@@ -8,6 +8,7 @@ nothing else: two shapes are at least ``min n.b - max n.a`` apart, for any unit 
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -128,7 +129,7 @@ class Cylinder:
 
 
 @brief
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Hull:
     """The convex hull of points, such as a mesh's vertices.
 
@@ -260,9 +261,30 @@ def plane(
     return Body(name, HalfSpace(), None, rotation, height * up)
 
 
-@lru_cache(maxsize=512)
 def coal_geometry(shape: Shape) -> Any:
     """Return a shape in coal's form."""
+    if not isinstance(shape, Hull):
+        return _coal_primitive(shape)
+    if shape not in _COAL_HULLS:
+        _COAL_HULLS[shape] = _coal_hull(_thinned(shape))
+    return _COAL_HULLS[shape]
+
+
+# Hulls take long to convert, and much memory: they are kept as long as the shapes are.
+_COAL_HULLS: WeakKeyDictionary[Hull, Any] = WeakKeyDictionary()
+
+
+def _coal_hull(hull: Hull) -> Any:
+    import coal
+
+    points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    points.extend(list(hull.points))
+    triangles.extend([coal.Triangle(*t) for t in hull.facets.tolist()])
+    return coal.Convex(points, triangles)
+
+
+@lru_cache(maxsize=512)
+def _coal_primitive(shape: Shape) -> Any:
     import coal
 
     match shape:
@@ -274,12 +296,6 @@ def coal_geometry(shape: Shape) -> Any:
             return coal.Capsule(radius, length)
         case Cylinder(radius, length):
             return coal.Cylinder(radius, length)
-        case Hull():
-            hull = _thinned(shape)
-            points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-            points.extend(list(hull.points))
-            triangles.extend([coal.Triangle(*t) for t in hull.facets.tolist()])
-            return coal.Convex(points, triangles)
     raise ProblemError(
         f"shape {shape!r}: expected Sphere, Box, Capsule, Cylinder, Hull or HalfSpace"
     )

@@ -18,8 +18,7 @@ that move together, and for the opposite order; the smaller of the two bounds is
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -88,6 +87,11 @@ class Scene:
         cover all positions of these joints.
     adjacent : int
         Pairs of the robot's bodies on links that one joint connects, not checked.
+
+    Attributes
+    ----------
+    carried : CarriedBodies
+        What is the same of the bodies in all poses.
     """
 
     robot: RobotModel
@@ -97,6 +101,7 @@ class Scene:
     dropped: tuple[tuple[str, str], ...] = ()
     swept: tuple[str, ...] = ()
     adjacent: int = 0
+    carried: "CarriedBodies" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("bodies", "pairs", "notes", "dropped", "swept"):
@@ -118,6 +123,7 @@ class Scene:
                     f"scene: required distance of {names[pair.first]!r} and "
                     f"{names[pair.second]!r} is {pair.wanted} m, expected 0 or more"
                 )
+        freeze(self, carried=_carried_bodies(self.robot, self.bodies))
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -210,7 +216,7 @@ def body_places(scene: Scene, links: LinkPlaces) -> BodyPlaces:
     """Return the positions of the bodies for given positions of the links."""
     n, bodies = len(links), len(scene.bodies)
     rotation, translation = np.empty((n, bodies, 3, 3)), np.empty((n, bodies, 3))
-    fixed = _carried_bodies(scene.robot, scene.bodies)
+    fixed = scene.carried
     for b, place in enumerate(fixed.places):
         frame = links.of(place)
         rotation[:, b], translation[:, b] = frame.rotation, frame.translation
@@ -228,7 +234,7 @@ def body_places(scene: Scene, links: LinkPlaces) -> BodyPlaces:
     )
 
 
-class _CarriedBodies(NamedTuple):
+class CarriedBodies(NamedTuple):
     """What is the same of a scene's bodies in all poses; see `BodyPlaces`.
 
     Attributes
@@ -246,11 +252,10 @@ class _CarriedBodies(NamedTuple):
     turning: BoolArray
 
 
-@lru_cache(maxsize=32)  # a search looks at few scenes, thousands of times each
-def _carried_bodies(robot: RobotModel, bodies: tuple[Body, ...]) -> _CarriedBodies:
+def _carried_bodies(robot: RobotModel, bodies: tuple[Body, ...]) -> CarriedBodies:
     places = tuple(place_of(robot, body) for body in bodies)
     balls = [body.shape.ball for body in bodies]
-    return _CarriedBodies(
+    return CarriedBodies(
         places,
         tuple(place.link for place in places),
         np.array([ball[0] for ball in balls]).reshape(len(bodies), 3),
@@ -283,8 +288,7 @@ def joints_between(robot: RobotModel, first: int, second: int) -> tuple[int, ...
 def moving_pairs(scene: Scene) -> BoolArray:
     """Return which coordinates move which pairs' bodies, (pairs, coordinates)."""
     robot = scene.robot
-    carriers = _carried_bodies(robot, scene.bodies).carriers
-    between = _between(robot, carriers, _ends(scene.pairs))
+    between = _between(robot, scene.carried.carriers, _ends(scene.pairs))
     return np.asarray(between @ abs(robot.joint_rates) > 0.0)
 
 
