@@ -15,6 +15,7 @@ from schemas import parsed
 from consistent_id import (
     ModelError,
     ProblemError,
+    RecordingError,
     draft_problem,
     load_problem,
 )
@@ -351,6 +352,20 @@ def test_a_load_on_another_link_is_not_weighed(problem, files, found):
     with pytest.raises(ProblemError, match="not attached to this link"):
         wrong.for_controller  # noqa: B018
     assert "not attached to this link" not in [r.kind for r in found.verdict.reasons]
+
+
+def test_a_broken_row_of_a_loaded_log_is_left_out_by_its_own_option(
+    problem, files, tmp_path
+):
+    header, first, second, *rest = files["loaded"].read_text().splitlines()
+    broken = ",".join(["x", *second.split(",")[1:]])
+    log = tmp_path / "broken.csv"
+    log.write_text("\n".join([header, first, broken, *rest]))
+    with pytest.raises(RecordingError) as raised:
+        weigh_load(problem, log, link="flange")
+    assert raised.value.options == "--loaded-omit 2"
+    assert "--loaded-omit 2 (omit = [2])" in str(raised.value)
+    assert " --omit" not in str(raised.value)
 
 
 def test_misfits_of_links_are_those_of_least_squares(problem, files, found):
