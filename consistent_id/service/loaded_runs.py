@@ -291,7 +291,15 @@ def loaded_files(
     ProblemError
         If there is none, one is not there, or there are not two rows.
     """
-    files = [loaded] if isinstance(loaded, str | Path) else list(loaded)
+    files = [loaded] if isinstance(loaded, str | Path) else loaded
+    if not isinstance(files, list | tuple) or not all(
+        isinstance(file, str | Path) for file in files
+    ):
+        raise ProblemError(
+            f"logs with the load: a {type(loaded).__name__}, expected the path of a "
+            "file, or a list of them; a data frame or an array is written first, as by "
+            "to_csv"
+        )
     if not files:
         raise ProblemError("no log with the load, expected at least one")
     for file in files:

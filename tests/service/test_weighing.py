@@ -354,6 +354,16 @@ def test_a_load_on_another_link_is_not_weighed(problem, files, found):
     assert "not attached to this link" not in [r.kind for r in found.verdict.reasons]
 
 
+def test_drafts_and_data_frames_are_refused_with_the_call_to_make(problem, files):
+    draft = draft_problem(files["robot"], files["empty"], **PLAIN)
+    with pytest.raises(ProblemError, match=r"a Draft, expected a Problem; .*problem\("):
+        weigh_load(draft, files["loaded"])
+    with pytest.raises(ProblemError, match="load_problem"):
+        weigh_load(str(files["robot"]), files["loaded"])
+    with pytest.raises(ProblemError, match="a dict, expected the path of a file"):
+        weigh_load(problem, {"time": [0.0, 0.1]})
+
+
 def test_a_broken_row_of_a_loaded_log_is_left_out_by_its_own_option(
     problem, files, tmp_path
 ):
