@@ -96,7 +96,7 @@ consistent-id help identify
 """
 _WIDTH = 88
 _REASONS = "bad-result"
-_WITH_KINDS = (_REASONS, "payload", "what-verdicts-mean")
+_WITH_KINDS = (_REASONS, "payload", "servos", "what-verdicts-mean")
 """Pages with tables of reasons and verdicts; a later one says more of its own."""
 
 

@@ -7,7 +7,7 @@ import argparse
 import shlex
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -76,6 +76,15 @@ PROBLEM = Option(
     "folder with a problem.toml, the file, a folder of several or of results; or, with "
     "logs, a URDF or MJCF file",
     Path,
+)
+PROBLEM_OR_ROBOT = replace(
+    PROBLEM,
+    text="folder with a problem.toml, the file, a folder of several or of results, or "
+    "a URDF or MJCF file",
+)
+PROBLEM_ALONE = replace(
+    PROBLEM,
+    text="folder with a problem.toml, the file, or a folder of several or of results",
 )
 LOGS = Option(
     "log [...]", "logs to learn from, if PROBLEM is a URDF or MJCF file", Path

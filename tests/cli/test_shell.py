@@ -380,6 +380,7 @@ def test_help_explains_verdicts_notes_and_reasons_about_loads(capsys):
         "torque sign": "to do: look for a reversed axis",
         "inertia is open": "to do: accelerate the last joints",
         "gains not identifiable": "to do: a heavier load",
+        "undetermined": "to do: logs of faster and slower motion",
     }.items():
         assert main(["help", topic]) == 0
         assert said in capsys.readouterr().out
