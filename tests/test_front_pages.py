@@ -50,7 +50,7 @@ def test_commands_were_found_on_each_page():
         "README.md": 4,
         "docs/start.md": 8,
         "docs/faq.md": 1,
-        "docs/for-agents.md": 3,
+        "docs/for-agents.md": 4,
         "docs/install.md": 1,
         "docs/ros2.md": 5,
     }
@@ -175,6 +175,24 @@ def test_every_picture_of_the_pages_is_in_the_gallery_or_on_a_page_that_it_names
         name for page in pages for name in shown.findall((DOCS / page).read_text())
     }
     assert drawn >= {path.name for path in [*DOCS.glob("*.png"), *DOCS.glob("*.svg")]}
+
+
+@pytest.mark.parametrize("option", ["--accept", "--time-limit", "--executor", "--seed"])
+def test_options_that_commands_share_are_listed_with_these_commands(option):
+    table = (DOCS / "shell.md").read_text().split("| option | of | does |")[1]
+    rows = re.findall(r"^\|([^|\n]*)\|([^|]+)\|", table.split("\n\n")[0], re.M)
+    listed, last = [], ""
+    for names, commands in rows:
+        last = names.strip() or last  # an empty cell goes on with the option above it
+        if option in last:
+            listed += re.findall(r"`(\w+)`", commands)
+    having = [
+        name
+        for name in tool._COMMANDS
+        for parsers in [tool_parser(name)._subparsers._group_actions[0].choices]
+        if option in parsers[name]._option_string_actions
+    ]
+    assert sorted(listed) == sorted(having)
 
 
 def test_every_command_has_a_page_with_its_help():

@@ -17,7 +17,7 @@ class Table:
 
     Examples
     --------
-    >>> print(Table("Masses", ("link", "kg"), (("arm", "2.1"),)).text())
+    >>> print(Table("Masses", ("link", "kg"), (("arm", "2.1"),)))
     Masses
       link   kg
       arm   2.1
@@ -27,6 +27,9 @@ class Table:
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return self.text()
 
     def text(self) -> str:
         """Return the table for a terminal; numbers are aligned to the right."""

@@ -20,7 +20,7 @@ from consistent_id.cli.options import (
     add_command,
     positive,
 )
-from consistent_id.cli.source import PROBLEM, ROBOT, statement
+from consistent_id.cli.source import PROBLEM_OR_ROBOT, ROBOT, statement
 
 if TYPE_CHECKING:
     from consistent_id.excitation.playable import PlayableDesign
@@ -257,7 +257,7 @@ def add_excite(command: argparse.ArgumentParser) -> None:
     add_command(
         command,
         run_excite,
-        PROBLEM,
+        PROBLEM_OR_ROBOT,
         *ROBOT,
         MOTION,
         Option("--seed N", "seed of the random starts", int, default=0),

@@ -11,7 +11,7 @@ from consistent_id.cli.excite import (
     parameters,
 )
 from consistent_id.cli.options import Option, add_command, positive
-from consistent_id.cli.source import PROBLEM, ROBOT, statement
+from consistent_id.cli.source import PROBLEM_OR_ROBOT, ROBOT, statement
 
 _MORE = """The design that excite would make is played in MuJoCo by robots with known
 parameters: dry friction, rotors, a controller with a wrong model, encoders, noise. Then
@@ -31,7 +31,7 @@ def add_rehearse(command: argparse.ArgumentParser) -> None:
     add_command(
         command,
         run_rehearse,
-        PROBLEM,
+        PROBLEM_OR_ROBOT,
         *ROBOT,
         MOTION,
         parameters("; simulated robots are near the first"),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from consistent_id.cli.answers import Answer, answered, shows_progress, tables_answer
 from consistent_id.cli.options import RESULTS, Option, add_command
-from consistent_id.cli.source import PROBLEM
+from consistent_id.cli.source import PROBLEM_ALONE
 
 _MORE = """Writes one HTML page, its tables as Markdown, and all numbers as JSON. The
 problem needs [published], [tasks] and [laboratory]. Exit code 1: the optimum of a
@@ -22,7 +22,7 @@ def add_reproduce(command: argparse.ArgumentParser) -> None:
     add_command(
         command,
         run_reproduce,
-        PROBLEM,
+        PROBLEM_ALONE,
         Option("--quick", "fewer experiments, one set of exciting motions, one draw"),
         Option("--seed N", "seed of designs and draws", int, default=0),
         *RESULTS,

@@ -12,7 +12,7 @@ from consistent_id.cli.options import (
     Option,
     add_command,
 )
-from consistent_id.cli.source import PROBLEM, STATED, statement
+from consistent_id.cli.source import PROBLEM_ALONE, STATED, statement
 
 _MORE = """Drive terms, masses, cut-offs, rows and a delay are chosen by how well the
 torque of the training recordings is predicted on blocks that were left out of the fit.
@@ -30,7 +30,7 @@ def add_select(command: argparse.ArgumentParser) -> None:
     add_command(
         command,
         run_select,
-        PROBLEM,
+        PROBLEM_ALONE,
         Option(
             "--output FILE",
             "file to write (default: NAME-selected.toml beside the problem)",

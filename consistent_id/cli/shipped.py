@@ -86,8 +86,8 @@ def _problems() -> Path:
     )
 
 
-_OF_HELP = """TOPIC is a page of the documentation, a command, or the kind of a reason
-or a finding, in quotes. Without a topic, all pages are listed."""
+_OF_HELP = """TOPIC is a page of the documentation, a command, a verdict, or the kind
+of a reason, in quotes. Without a topic, all pages are listed."""
 _TOPICS = """
 consistent-id help
 consistent-id help bad-result
@@ -95,7 +95,9 @@ consistent-id help "mostly guessed"
 consistent-id help identify
 """
 _WIDTH = 88
-_REASONS = "bad-result"  # the page with a table of all kinds of reasons
+_REASONS = "bad-result"
+_WITH_KINDS = (_REASONS, "payload", "servos", "what-verdicts-mean")
+"""Pages with tables of reasons and verdicts; a later one says more of its own."""
 
 
 def add_help(command: argparse.ArgumentParser) -> None:
@@ -103,7 +105,7 @@ def add_help(command: argparse.ArgumentParser) -> None:
     add_command(
         command,
         run_help,
-        Option("[topic]", "page, command, or kind of a reason"),
+        Option("[topic]", "page, command, verdict, or kind of a reason"),
         more=_OF_HELP,
         examples=_TOPICS,
         reads=False,
@@ -134,10 +136,11 @@ def _text(topic: str, pages: dict[str, Path], tool_parser: Any) -> str:
     commands = _commands(tool_parser("help"))
     if name in commands:
         return _commands(tool_parser(name))[name].format_help().rstrip()
-    kinds = _kinds(pages[_REASONS].read_text(encoding="utf-8"))
+    texts = [pages[page].read_text(encoding="utf-8") for page in _WITH_KINDS]
+    kinds = {kind: entry for text in texts for kind, entry in _kinds(text).items()}
     if name in kinds:
         return kinds[name]
-    known = (*pages, *commands, *kinds)
+    known = dict.fromkeys((*pages, *commands, *kinds))
     raise ProblemError(
         f"no page, command or reason {topic!r}; {did_you_mean(name, known)}"
     )
@@ -150,29 +153,34 @@ def _commands(parser: Any) -> dict[str, argparse.ArgumentParser]:
 
 
 def _kinds(page: str) -> dict[str, str]:
-    """Return the entry of each kind in the table of reasons.
+    r"""Return the entry of each kind in a page's tables and in its list of notes.
 
     Examples
     --------
-    >>> print(_kinds("| `misfit`, `drift` | it is large | look |")["drift"])
+    >>> table = "| kind | means | do |\n|---|---|---|\n"
+    >>> print(_kinds(f"{table}| `misfit`, `drift` | it is large | look |\n")["drift"])
     drift
       means: it is large
       to do: look
     """
+    tables = re.findall(r"^\| \w+ \| [^|]+ \| do \|\n((?:\|.*\n)+)", page, re.M)
+    row = re.compile(r"^\| (`[^|]+) \| ([^|]+) \| ([^|]+) \|$", re.M)
+    rows = [cells for table in tables for cells in row.findall(table)]
+    notes = re.findall(r"^- (`[^:]+): (.+?)(?=^- |^$|\Z)", page, re.M | re.S)
     found: dict[str, str] = {}
-    for cells in re.findall(r"^\| ([^|]*`[^|]*) \| ([^|]+) \| ([^|]+) \|$", page, re.M):
-        for kind in re.findall(r"`([^`]+)`", cells[0]):
-            parts = zip(("means", "to do"), map(_plain, cells[1:]), strict=True)
-            said = [
-                textwrap.fill(
-                    f"{word}: {text}",
-                    _WIDTH,
-                    initial_indent="  ",
-                    subsequent_indent="    ",
-                )
-                for word, text in parts
-            ]
-            found.setdefault(kind, "\n".join([kind, *said]))
+    for named, means, *to_do in (*rows, *notes):
+        said = [f"means: {_plain(means)}", *(f"to do: {_plain(do)}" for do in to_do)]
+        lines = [
+            textwrap.fill(
+                " ".join(text.split()),
+                _WIDTH,
+                initial_indent="  ",
+                subsequent_indent="    ",
+            )
+            for text in said
+        ]
+        for kind in re.findall(r"`([^`]+)`", named):
+            found.setdefault(kind, "\n".join([kind, *lines]))
     return found
 
 

@@ -7,7 +7,7 @@ import argparse
 import shlex
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -76,6 +76,15 @@ PROBLEM = Option(
     "folder with a problem.toml, the file, a folder of several or of results; or, with "
     "logs, a URDF or MJCF file",
     Path,
+)
+PROBLEM_OR_ROBOT = replace(
+    PROBLEM,
+    text="folder with a problem.toml, the file, a folder of several or of results, or "
+    "a URDF or MJCF file",
+)
+PROBLEM_ALONE = replace(
+    PROBLEM,
+    text="folder with a problem.toml, the file, or a folder of several or of results",
 )
 LOGS = Option(
     "log [...]", "logs to learn from, if PROBLEM is a URDF or MJCF file", Path
@@ -273,17 +282,18 @@ def stored(options: argparse.Namespace, folder: Path | None = None) -> "Results 
     if given := statement(options).given:
         why.append(f"{declarations()[given[0]].option} is stated beside it")
     if sorted(index.accepted) != sorted(getattr(options, "accept", index.accepted)):
-        why.append(f"it accepts {', '.join(index.accepted) or 'nothing'}")
+        stated = " ".join(f"--accept {shlex.quote(kind)}" for kind in index.accepted)
+        why.append(f"its results have {stated or 'no --accept'}")
     if index.seed != getattr(options, "seed", index.seed):
-        why.append(f"it has the seed {index.seed}")
+        why.append(f"its results have --seed {index.seed}")
     if folder is not None and folder.resolve() != options.problem.resolve():
-        why.append(f"to be written to {folder}, too")
+        why.append(f"results are to be written to {folder}, too")
     if not why:
         for name in {INDEX, *index.files} - {REPORT}:  # no other file of it is replaced
             note_input((results.folder / name).stat())
         return results
     if not options.quiet:
-        print(f"{options.problem}: {'; '.join(why)}: computed again", file=sys.stderr)
+        print(f"{options.problem}: computed again: {'; '.join(why)}", file=sys.stderr)
     return None
 
 

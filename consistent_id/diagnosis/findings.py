@@ -99,8 +99,9 @@ def _looked_for(found: Diagnosis) -> str:
 
 def _sentence(finding: LogFinding, *, several: bool) -> str:
     """Return a finding as a sentence; with advice, unless it is a note."""
-    where = f"{finding.recording}, " if several and finding.recording else ""
-    text = f"{finding.kind} ({where}{finding.where}): {finding.statement}"
+    named = [finding.recording] if several and finding.recording else []
+    where = ", ".join(dict.fromkeys([*named, finding.where]))
+    text = f"{finding.kind} ({where}): {finding.statement}"
     return text if finding.severity == "note" else f"{text}. To do: {finding.advice}"
 
 

@@ -49,6 +49,7 @@ from consistent_id.export.mjcf_bodies import (
 from consistent_id.export.mjcf_in_place import exact_xml, put_in_place
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.mjcf import quaternion_matrix
+from consistent_id.robot.loaders.robot_file import is_mjcf
 from consistent_id.robot.model import Joint, Mimic
 
 RADIUS = 0.05
@@ -324,6 +325,11 @@ def mujoco_spec(
     if source is None:
         spec, more = _built(estimate, mujoco)
         tree = spec_tree(spec)
+    elif not is_mjcf(Path(source)):
+        raise ModelError(
+            f"{source}: a URDF, expected the MJCF file that gets the estimate; without "
+            "a source, a new MJCF file is written"
+        )
     else:
         spec, model = read_spec(Path(source))
         tree = spec_tree(spec)

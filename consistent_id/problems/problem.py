@@ -396,3 +396,31 @@ class Problem:
     @cached_property
     def _logs(self) -> dict[tuple[object, ...], "Log"]:
         return {}
+
+
+def require_problem(value: object, function: str) -> None:
+    """Refuse what is not a problem, such as a draft or the path of a problem file.
+
+    Raises
+    ------
+    ProblemError
+        With the call that makes a problem of it.
+
+    Examples
+    --------
+    >>> require_problem("problems/rx60", "run_study")
+    Traceback (most recent call last):
+    consistent_id.errors.ProblemError: run_study: got a str, expected a Problem; ...
+    """
+    if isinstance(value, Problem):
+        return
+    hint = "load_problem reads one, and draft_problem(robot, logs).problem() makes one"
+    if isinstance(value, str | Path):
+        hint = f"load_problem({str(value)!r}) reads it, if it is a problem file"
+    elif isinstance(known := getattr(value, "problem", None), Problem):
+        hint = f"its problem is {known.name!r}, the attribute `problem`"
+    elif callable(known):
+        hint = "its method `problem()` returns one"
+    raise ProblemError(
+        f"{function}: got a {type(value).__name__}, expected a Problem; {hint}"
+    )

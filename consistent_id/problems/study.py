@@ -27,7 +27,7 @@ from consistent_id.estimation.method import Method
 from consistent_id.estimation.torque_error import Slopes
 from consistent_id.estimation.verdict import Verdict, confirmed
 from consistent_id.problems.log_check import check_problem
-from consistent_id.problems.problem import Problem
+from consistent_id.problems.problem import Problem, require_problem
 from consistent_id.problems.problem_estimates import (
     refitted,
     slack_notes,
@@ -456,5 +456,6 @@ def run_study(
     >>> study.verdict.word, study.recommendation.method
     ('use', 'constrained')
     """
+    require_problem(problem, "run_study")
     study = Study(problem, seed=seed, progress=progress, accepted=tuple(accepted))
     return study.run(costs=costs)

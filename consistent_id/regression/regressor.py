@@ -160,6 +160,11 @@ class TorqueModel:
 
     def __post_init__(self) -> None:
         robot, drive = self.robot, self.drive
+        if not isinstance(robot, RobotModel):
+            raise ProblemError(
+                f"robot: a {type(robot).__name__}, expected a RobotModel; load_robot "
+                "reads one from a URDF or MJCF file"
+            )
         if isinstance(drive, DriveTerms):
             drive = (drive,) * len(robot)
         if len(drive) != len(robot):

@@ -14,7 +14,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
 from consistent_id.problems.nominal_gains import NominalGains, implied_gains
-from consistent_id.problems.problem import Problem
+from consistent_id.problems.problem import Problem, require_problem
 from consistent_id.regression.residual_noise import NORMAL
 from consistent_id.robot.model import Link
 from consistent_id.service.loaded_runs import (
@@ -175,6 +175,7 @@ def check_gains(
     NotExcitedError, RecordingError, SolverError
         See `identify_gains`.
     """
+    require_problem(problem, "check_gains")
     require_arm(problem, known_mass)
     _require_currents(problem)
     flange = flange_of(problem, link)
@@ -205,6 +206,7 @@ def problem_gains(problem: Problem) -> NominalGains:
     RecordingError
         If a log cannot be read, or the bodies imply no gains.
     """
+    require_problem(problem, "problem_gains")
     require_arm(problem, None)
     _require_currents(problem)
     robot, data = problem.model.robot, problem.table.data

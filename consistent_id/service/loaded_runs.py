@@ -1,5 +1,6 @@
 """Runs of a robot with a load beside those of its problem, and where the load is."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from consistent_id.errors import ProblemError
+from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.problems.draft_rows import clock_of
 from consistent_id.problems.file import PreparationTable, RecordingTable
 from consistent_id.problems.problem import Problem
@@ -123,7 +124,7 @@ class LoadedRuns:
         # They are added to the validation recordings, so that they are prepared with
         # what was found in the training recordings.
         preparation = data.preparation
-        raws = [self._cut(problem.read(one.file, omit=self.omit)) for one in added]
+        raws = [self._cut(self._raw(one.file)) for one in added]
         _require_samples(raws, preparation)
         if raws:
             # Poses that were recorded one after another have gaps between them.
@@ -144,6 +145,17 @@ class LoadedRuns:
         first = len(problem.validation)
         return both.validation[first:], (*both.training, *both.validation[:first])
 
+    def _raw(self, file: str) -> Recording:
+        """Return a log with the load as it was read."""
+        try:
+            return self.problem.read(file, omit=self.omit)
+        except RecordingError as error:
+            # `--omit` and `--rows` are about the logs without the load.
+            said, options = map(_about_loaded, (str(error), error.options))
+            raise RecordingError(
+                said, options=options, replaces=error.replaces
+            ) from error
+
     def _cut(self, raw: Recording) -> Recording:
         """Return the rows of a log that count."""
         if self.rows is None:
@@ -154,6 +166,22 @@ class LoadedRuns:
         span = slice(max(first - 1, 0), last)
         # Rows that are not there are refused where the logs are prepared.
         return raw.samples(span) if len(raw.time[span]) > 1 else raw
+
+
+def _about_loaded(text: str) -> str:
+    """Return advice on a log's rows as advice on those of the logs with the load.
+
+    Examples
+    --------
+    >>> _about_loaded("leave it out: --omit 3 (omit = [3] of read_recording)")
+    'leave it out: --loaded-omit 3 (omit = [3])'
+    """
+    text = re.sub(r"--(omit|rows)\b", r"--loaded-\1", text)
+    return re.sub(
+        r"(omit = \[[\d, ]+\]) of read_recording( and \[\[data\.recordings\]\])?",
+        r"\1",
+        text,
+    )
 
 
 def _require_samples(raws: Sequence[Recording], table: PreparationTable) -> None:
@@ -263,7 +291,15 @@ def loaded_files(
     ProblemError
         If there is none, one is not there, or there are not two rows.
     """
-    files = [loaded] if isinstance(loaded, str | Path) else list(loaded)
+    files = [loaded] if isinstance(loaded, str | Path) else loaded
+    if not isinstance(files, list | tuple) or not all(
+        isinstance(file, str | Path) for file in files
+    ):
+        raise ProblemError(
+            f"logs with the load: a {type(loaded).__name__}, expected the path of a "
+            "file, or a list of them; a data frame or an array is written first, as by "
+            "to_csv"
+        )
     if not files:
         raise ProblemError("no log with the load, expected at least one")
     for file in files:

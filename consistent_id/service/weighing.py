@@ -15,7 +15,7 @@ from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.judgement import MISFIT_CARE, MISFIT_REFUSED
 from consistent_id.estimation.payload import Payload, identify_payload
 from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
-from consistent_id.problems.problem import Problem
+from consistent_id.problems.problem import Problem, require_problem
 from consistent_id.regression.torque_along import measured_torque
 from consistent_id.robot.model import Datasheet, FixedFrame, Link
 from consistent_id.service.controller_formats import ControllerLoad, require_load_name
@@ -281,6 +281,7 @@ def weigh_load(
     RecordingError, InfeasibleError, NotExcitedError, SolverError
         See `identify_payload`.
     """
+    require_problem(problem, "weigh_load")
     require_load_name(name)
     require_arm(problem, known_mass)
     robot = problem.model.robot

@@ -130,7 +130,9 @@ def test_an_export_of_results_is_that_of_the_study(written, results, tmp_path, c
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["log", "robot", "estimate", "option", "version"])
+@pytest.mark.parametrize(
+    "what", ["log", "robot", "estimate", "option", "accept", "version"]
+)
 def test_what_has_changed_is_said_and_computed_again(
     what, results, capsys, monkeypatch
 ):
@@ -146,6 +148,8 @@ def test_what_has_changed_is_said_and_computed_again(
         file.write_text(file.read_text().replace('"use"', '"use "', 1))
     elif what == "option":
         options = ["--cutoff", "5"]
+    elif what == "accept":
+        options = ["--accept", "lag"]
     else:
         monkeypatch.setattr("consistent_id.__version__", "9.9")
     said = []
@@ -157,11 +161,12 @@ def test_what_has_changed_is_said_and_computed_again(
     monkeypatch.setattr("consistent_id.problems.opening.open_problem", computed)
     code, _, err = run(capsys, "compare", results, *options)
     assert code == 2 and "computed again" in err and "it would be computed" in err
-    assert said == [(results, (), ("cutoff",) if options else ())]
+    assert said == [(results, (), ("cutoff",) if what == "option" else ())]
     known = {"log": "log.csv has changed", "robot": "arm.urdf has changed"}
     known |= {
         "estimate": "delivered.json has been edited",
         "option": "cutoff is stated",
+        "accept": "its results have no --accept",
     }
     ours = f"version {VERSION} wrote it, this is 9.9"
     assert known.get(what, ours) in err

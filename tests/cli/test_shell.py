@@ -372,6 +372,22 @@ def test_help_says_what_a_reason_means(capsys):
         assert lines[0].startswith("  means: ") and any("  to do: " in n for n in lines)
 
 
+def test_help_explains_verdicts_notes_and_reasons_about_loads(capsys):
+    for topic, said in {
+        "use": "to do: use it",
+        "use with care": "to do: read its reasons",
+        "boundary": "means: links have no thickness",
+        "torque sign": "to do: look for a reversed axis",
+        "inertia is open": "to do: accelerate the last joints",
+        "gains not identifiable": "to do: a heavier load",
+        "undetermined": "to do: logs of faster and slower motion",
+    }.items():
+        assert main(["help", topic]) == 0
+        assert said in capsys.readouterr().out
+    # The page's other tables have kinds too, but no explanation of them.
+    assert main(["help", "outliers"]) == 2
+
+
 def test_help_prints_pages_and_the_help_of_commands(capsys):
     assert main(["help"]) == 0
     assert "bad-result" in capsys.readouterr().out

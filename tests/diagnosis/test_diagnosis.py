@@ -23,6 +23,7 @@ from consistent_id.diagnosis.coverage import (
     saturation_findings,
     standstill_findings,
 )
+from consistent_id.diagnosis.findings import diagnosis_table
 from consistent_id.diagnosis.leaks import leak_findings, repeated_share
 from consistent_id.diagnosis.linearise import jackknife, linearised
 from consistent_id.diagnosis.small_shifts import estimate_lag, estimate_shifts
@@ -402,6 +403,15 @@ def test_what_is_not_identifiable_is_named(joint):
     # The data say nothing of the friction of a joint that does not move.
     assert f"{still}.viscous" in finding.statement
     assert rank_findings(arm(), at_samples(case.log), base) == []
+
+
+def test_a_finding_about_a_whole_recording_names_it_once():
+    log = "log.csv (0 to 9 s)"
+    short = LogFinding("short", "warning", log, "it is short", "longer", 1.0, log)
+    other = LogFinding("lag", "fault", "joint1", "it is late", "shift it", 1.0, log)
+    text = diagnosis_table(Diagnosis((short, other), (log, "other.csv"))).text()
+    assert f"  short ({log}): it is short. To do: longer" in text
+    assert f"  lag ({log}, joint1): it is late" in text
 
 
 def test_findings_are_ranked_by_gravity():

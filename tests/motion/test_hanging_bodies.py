@@ -182,6 +182,15 @@ def test_a_limb_that_nothing_can_avoid_is_refused_with_the_joints_to_lock(tmp_pa
     assert scene_from_urdf(path, locked).pairs
 
 
+def test_a_file_without_shapes_is_refused_with_what_else_to_do(tmp_path):
+    text = "".join(LINK.format(name=name, shape="") for name in ("base", "arm"))
+    joint = _joint("shoulder", "base", "arm", lower=-1, upper=1)
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm">{text}{joint}</robot>')
+    with pytest.raises(ModelError, match=r"no link has a shape, .*without a scene"):
+        scene_from_urdf(path, load_urdf(path))
+
+
 def test_meshes_that_are_all_missing_are_named_with_the_option_for_their_package(
     tmp_path,
 ):

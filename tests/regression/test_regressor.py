@@ -235,6 +235,11 @@ def test_couplings_that_make_no_sense_are_refused(terms):
         GearCoupling(*terms)
 
 
+def test_a_path_in_place_of_a_robot_is_refused_with_the_call_that_reads_it():
+    with pytest.raises(ProblemError, match=r"a str, expected a RobotModel; load_robot"):
+        TorqueModel("robot.urdf")
+
+
 def test_no_sample_gives_an_empty_regressor():
     _, robot = random_robot(np.random.default_rng(1), 2)
     nothing = np.zeros((0, 2))

@@ -15,6 +15,7 @@ from schemas import parsed
 from consistent_id import (
     ModelError,
     ProblemError,
+    RecordingError,
     draft_problem,
     load_problem,
 )
@@ -351,6 +352,30 @@ def test_a_load_on_another_link_is_not_weighed(problem, files, found):
     with pytest.raises(ProblemError, match="not attached to this link"):
         wrong.for_controller  # noqa: B018
     assert "not attached to this link" not in [r.kind for r in found.verdict.reasons]
+
+
+def test_drafts_and_data_frames_are_refused_with_the_call_to_make(problem, files):
+    draft = draft_problem(files["robot"], files["empty"], **PLAIN)
+    with pytest.raises(ProblemError, match=r"a Draft, expected a Problem; .*problem\("):
+        weigh_load(draft, files["loaded"])
+    with pytest.raises(ProblemError, match="load_problem"):
+        weigh_load(str(files["robot"]), files["loaded"])
+    with pytest.raises(ProblemError, match="a dict, expected the path of a file"):
+        weigh_load(problem, {"time": [0.0, 0.1]})
+
+
+def test_a_broken_row_of_a_loaded_log_is_left_out_by_its_own_option(
+    problem, files, tmp_path
+):
+    header, first, second, *rest = files["loaded"].read_text().splitlines()
+    broken = ",".join(["x", *second.split(",")[1:]])
+    log = tmp_path / "broken.csv"
+    log.write_text("\n".join([header, first, broken, *rest]))
+    with pytest.raises(RecordingError) as raised:
+        weigh_load(problem, log, link="flange")
+    assert raised.value.options == "--loaded-omit 2"
+    assert "--loaded-omit 2 (omit = [2])" in str(raised.value)
+    assert " --omit" not in str(raised.value)
 
 
 def test_misfits_of_links_are_those_of_least_squares(problem, files, found):

@@ -162,6 +162,11 @@ def scene_from_urdf(
     bodies = [body for body in shapes.bodies if _has(robot, body)]
     if shapes.unread and not (readable_only and bodies):
         raise shapes.unread[0].cause
+    if not shapes.bodies:
+        raise ModelError(
+            f"{path}: no link has a shape, expected <{elements}> elements; "
+            "build the scene by hand (build_scene), or design without a scene"
+        )
     if not bodies:
         raise ModelError(
             f"{path}: {len(shapes.bodies)} shapes, none of a link of robot "
