@@ -436,6 +436,7 @@ def _set_drive(spec: Any, joint: Any, drive: JointDrive) -> None:
     angle = 180.0 / np.pi if turns and spec.compiler.degree else 1.0
     offset = drive.values.get("offset", 0.0)
     spring = drive.simulated("stiffness") or WEAK * abs(offset)
+    joint.springdamper = [0.0, 0.0]  # would go before damping and stiffness
     set_number(joint, "damping", drive.simulated("damping") or 0.0)
     set_number(joint, "frictionloss", drive.simulated("friction") or 0.0)
     set_number(joint, "armature", drive.simulated("armature") or 0.0)

@@ -15,9 +15,13 @@ from consistent_id._support.arrays import Array
 from consistent_id._support.files import relative_path
 from consistent_id.errors import ModelError
 from consistent_id.export.export_formats import comment_edit
-from consistent_id.export.mjcf_bodies import read_spec, require_mujoco
+from consistent_id.export.mjcf_bodies import (
+    inertia_settings,
+    read_spec,
+    require_mujoco,
+)
 from consistent_id.robot.loaders.mjcf import compiled_body
-from consistent_id.robot.loaders.mjcf_spec import stand_in
+from consistent_id.robot.loaders.mjcf_spec import spec_of_file, stand_in
 from consistent_id.robot.loaders.urdf_in_place import Edit, XmlText, joined, number
 from consistent_id.robot.loaders.xml import Element
 
@@ -184,16 +188,16 @@ def put_in_place(
     places = places_in(document.root, after)
     if places is None:
         return _rewritten(spec, source, comment, folder, files)
-    from_geoms = require_mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    every = before_spec.compiler.inertiafromgeom == from_geoms
+    settings = inertia_settings(before_spec)
+    undamped = _undamped(before_spec, spec)
     edits = number_edits(
         document,
         places,
-        _CompiledPair(before, after, before_spec.compiler.degree),
-        every_body=every,
+        _CompiledPair(before, after, before_spec.compiler.degree, undamped),
+        every_body=bool(settings),
     )
-    if every:
-        edits += set_section(document, "compiler", {"inertiafromgeom": "auto"})
+    if settings:
+        edits += set_section(document, "compiler", settings)
     edits += site_edits(document, places, before, after)
     edits += tendon_edits(document, before, after)
     edits = [*edits, *moved, comment_edit(document, comment)]
@@ -210,7 +214,7 @@ def _rewritten(
     files: tuple[tuple[Path, Path], ...],
 ) -> InPlace:
     """Return MuJoCo's own output, for files whose elements are not the model's."""
-    fresh = require_mujoco().MjSpec.from_file(str(source))
+    fresh = spec_of_file(source, require_mujoco())
     gone = stand_in(fresh, source, require_mujoco())
     if gone:
         raise ModelError(
@@ -232,9 +236,10 @@ def _rewritten(
 def _require_same(content: bytes, after: Any, source: Path) -> None:
     """Refuse to hand out a file that MuJoCo would read as another robot."""
     mujoco = require_mujoco()
-    original = mujoco.MjSpec.from_file(str(source)).compiler
+    original = read_spec(source)[0].compiler
     try:
         spec = mujoco.MjSpec.from_string(content.decode())
+        spec.compiler.fusestatic = False
         for name in ("meshdir", "texturedir"):
             place = (source.parent / getattr(original, name)).resolve()
             setattr(spec.compiler, name, str(place))
@@ -293,11 +298,14 @@ class _CompiledPair(NamedTuple):
     before, after : mujoco.MjModel
     degree : bool
         Whether angles of the file are in degrees.
+    undamped : set of int
+        Joints whose ``springdamper`` is removed.
     """
 
     before: Any
     after: Any
     degree: bool
+    undamped: frozenset[int]
 
 
 def number_edits(
@@ -421,9 +429,21 @@ def _joint(
     if change.degree and hinge and "springref" in changed:
         changed["springref"] = [float(np.rad2deg(x)) for x in changed["springref"]]
     values = {name: _text(value) for name, value in changed.items()}
+    if j in change.undamped:
+        values["springdamper"] = "0 0"
     if not element.name:  # as `load_mjcf` calls it, so that it can be found
         values["name"] = after.jnt(j).name
     return document.set(element, values)
+
+
+def _undamped(before: Any, after: Any) -> frozenset[int]:
+    """Return joints whose ``springdamper`` is removed from a specification."""
+    pairs = zip(before.joints, after.joints, strict=True)
+    return frozenset(
+        int(joint.id)
+        for joint, changed in pairs
+        if np.any(joint.springdamper) and not np.any(changed.springdamper)
+    )
 
 
 def _drive(model: Any, j: int) -> dict[str, list[float]]:

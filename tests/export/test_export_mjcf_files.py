@@ -119,6 +119,60 @@ def test_shapes_that_weighed_give_way_to_inertials(dressed):
         assert np.allclose(link.nominal.vector, vector, rtol=1e-12, atol=1e-12)
 
 
+DAMPED = DriveTerms(viscous=True, rotor_inertia=True, spring=True)
+COMPILED = {
+    "the total mass": ('settotalmass="2" meshdir', "meshdir"),
+    "least masses and inertias": ('boundmass="2" boundinertia="1" meshdir', "meshdir"),
+    "fused bodies": ('fusestatic="true" meshdir', "meshdir"),
+    "a damping ratio": ('name="lift" springdamper="0.5 1"', 'name="lift"'),
+}
+
+
+@pytest.mark.filterwarnings("ignore:.*settotalmass")
+@pytest.mark.parametrize("what", COMPILED)
+def test_settings_that_change_a_body_or_a_drive_give_way(dressed, what):
+    path, _ = dressed
+    plate = '<body name="plate"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    text = DRESSED.replace('<geom size="0.05"/>', f'<geom size="0.05"/>{plate}</body>')
+    new, old = COMPILED[what]
+    path.write_text(text.replace(old, new))
+    robot = load_mjcf(path)
+    assert [frame.name for frame in robot.links[1].merged] == ["plate"]
+    estimate = random_estimate(np.random.default_rng(8), robot, DAMPED)
+    path.write_bytes(to_mjcf(estimate, path).content)
+    states = random_states(np.random.default_rng(0), 2, 5)
+    expected = estimate.model.predict(estimate.parameters, *states)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    found = inverse_dynamics(model, robot.joint_names, states)
+    assert np.allclose(found, expected, rtol=0, atol=1e-9 * abs(expected).max())
+
+
+KEPT = {
+    "gravcomp": ('body name="arm" gravcomp="1"', 'body name="arm"'),
+    "medium": ('<option density="1.2"/><asset>', "<asset>"),
+    "disables damper": (
+        '<option><flag damper="disable"/></option><asset>',
+        "<asset>",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", KEPT)
+def test_what_else_acts_on_the_joints_is_noted(dressed, what):
+    path, _ = dressed
+    new, old = KEPT[what]
+    path.write_text(DRESSED.replace(old, new))
+    estimate = random_estimate(np.random.default_rng(8), load_mjcf(path), SPRUNG)
+    assert any(what in note for note in to_mjcf(estimate, path).notes)
+
+
+def test_a_file_of_another_ending_gets_the_robot_too(dressed):
+    path, estimate = dressed
+    other = path.with_suffix(".mjcf")
+    other.write_text(DRESSED)
+    assert to_mjcf(estimate, other).content == to_mjcf(estimate, path).content
+
+
 def test_a_torque_offset_is_a_weak_spring(dressed):
     path, _ = dressed
     offset = DriveTerms(offset=True)
