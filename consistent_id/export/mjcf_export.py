@@ -24,6 +24,7 @@ from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.export_formats import (
     Export,
+    comment_text,
     exporter,
     provenance,
     require_exportable,
@@ -299,7 +300,7 @@ def to_mjcf(
         text = exact_xml(spec)
     except (ValueError, mujoco.FatalError) as cause:
         raise ModelError(f"MuJoCo refuses the estimate: {cause}") from None
-    comment = line.replace("--", "- -").encode("ascii", "replace")
+    comment = comment_text(line).encode("ascii", "replace")
     return Export("mjcf", b"<!-- " + comment + b" -->\n" + text, notes)
 
 

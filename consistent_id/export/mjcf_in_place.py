@@ -14,7 +14,7 @@ import numpy as np
 from consistent_id._support.arrays import Array
 from consistent_id._support.files import relative_path
 from consistent_id.errors import ModelError
-from consistent_id.export.export_formats import comment_edit
+from consistent_id.export.export_formats import comment_edit, comment_text
 from consistent_id.export.mjcf_bodies import (
     inertia_settings,
     read_spec,
@@ -225,11 +225,10 @@ def _rewritten(
         for name in ("meshdir", "texturedir"):
             place = source.parent / getattr(spec.compiler, name)
             setattr(spec.compiler, name, relative_path(place, folder))
-    line = comment.replace("--", "- -").encode("ascii", "replace")
-    note = (
-        f"{source.name} includes or repeats parts, so MuJoCo wrote it anew: comments "
-        "are lost"
-    )
+    line = comment_text(comment).encode("ascii", "replace")
+    urdf = XmlText.read(source).root.tag == "robot"
+    what = "is a URDF" if urdf else "includes or repeats parts"
+    note = f"{source.name} {what}, so MuJoCo wrote it anew: comments are lost"
     return InPlace(b"<!-- " + line + b" -->\n" + exact_xml(spec), files, (note,))
 
 
