@@ -5,7 +5,7 @@ are found from the folder where the new file is.  The numbers are exact: MuJoCo 
 prints six digits.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ from consistent_id._support.arrays import Array
 from consistent_id._support.files import relative_path
 from consistent_id.errors import ModelError
 from consistent_id.export.export_formats import comment_edit, comment_text
+from consistent_id.export.mjcf_assets import asset_files, path_edits, set_section
 from consistent_id.export.mjcf_bodies import (
     inertia_settings,
     read_spec,
@@ -136,17 +137,6 @@ _TURNED = ("axisangle", "xyaxes", "zaxis", "euler", "fullinertia")
 _ROUNDED = 1e-13  # of the largest parameter
 _TENDON = ("damping", "frictionloss", "armature")
 
-_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir"}
-_FILES = (
-    "file",
-    "fileright",
-    "fileleft",
-    "fileup",
-    "filedown",
-    "filefront",
-    "fileback",
-)
-
 
 class InPlace(NamedTuple):
     """A file's new content, files that it needs beside it, and notes."""
@@ -216,18 +206,18 @@ def _rewritten(
     """Return MuJoCo's own output, for files whose elements are not the model's."""
     fresh = spec_of_file(source, require_mujoco())
     gone = stand_in(fresh, source, require_mujoco())
+    urdf = XmlText.read(source).root.tag == "robot"
+    what = "is a URDF" if urdf else "includes or repeats parts"
     if gone:
         raise ModelError(
-            f"{source}: it includes or repeats parts, so MuJoCo has to write it anew, "
-            f"and cannot without {gone[0]!r}; put its meshes and textures beside it"
+            f"{source}: it {what}, so MuJoCo has to write it anew, and cannot without "
+            f"{gone[0]!r}; put its meshes and textures beside it"
         )
     if not files:
         for name in ("meshdir", "texturedir"):
             place = source.parent / getattr(spec.compiler, name)
             setattr(spec.compiler, name, relative_path(place, folder))
     line = comment_text(comment).encode("ascii", "replace")
-    urdf = XmlText.read(source).root.tag == "robot"
-    what = "is a URDF" if urdf else "includes or repeats parts"
     note = f"{source.name} {what}, so MuJoCo wrote it anew: comments are lost"
     return InPlace(b"<!-- " + line + b" -->\n" + exact_xml(spec), files, (note,))
 
@@ -388,18 +378,6 @@ def _end(model: Any, wrap: int) -> str:
     return f'<joint joint="{joint}" coef="{share}"/>'
 
 
-def set_section(
-    document: XmlText, tag: str, attributes: Mapping[str, str]
-) -> list[Edit]:
-    """Return edits of a section's attributes; the section is added if it lacks."""
-    found = list(document.root.all(tag))
-    holding = [e for e in found if set(attributes) & set(e.attributes)]
-    if holding or found:
-        return document.set((holding or found)[-1], attributes)
-    pairs = " ".join(f'{name}="{value}"' for name, value in attributes.items())
-    return [document.insert(document.root, [[f"<{tag} {pairs}/>"]])]
-
-
 def _inertial(document: XmlText, body: Element, model: Any, b: int) -> list[Edit]:
     values = {
         "pos": _text(model.body_ipos[b]),
@@ -478,44 +456,3 @@ def _joints(body: Element) -> Iterator[Element]:
 
 def _text(values: Any) -> str:
     return " ".join(number(value) for value in values)
-
-
-def path_edits(document: XmlText, home: Path, folder: Path) -> list[Edit]:
-    """Return edits by which files that lie beside `home` are found from `folder`."""
-    if home.resolve() == folder.resolve() or not any(asset_files(document, home)):
-        return []
-    compilers = list(document.root.all("compiler"))
-    stated = {name for c in compilers for name in c.attributes}
-    edits: list[Edit] = []
-    for compiler in compilers:
-        moved: dict[str, str] = {
-            name: relative_path(home / compiler.attributes[name], folder)
-            for name in ("assetdir", "meshdir", "texturedir")
-            if name in compiler.attributes
-        }
-        edits += document.set(compiler, moved)
-    whole = {"assetdir"} <= stated
-    missing = {"meshdir", "texturedir"} - stated if not whole else set()
-    default = {name: relative_path(home, folder) for name in sorted(missing)}
-    return edits + (set_section(document, "compiler", default) if default else [])
-
-
-def asset_files(document: XmlText, home: Path) -> Iterator[tuple[Path, Path]]:
-    """Yield files that are there: where, and where as the MJCF file says it."""
-    root = document.root
-    settings: dict[str, str] = {}
-    for compiler in root.all("compiler"):
-        settings |= compiler.attributes
-    strips = settings.get("strippath") == "true"
-    for section in root.all("asset"):
-        for element in section.children:
-            for name in _named(element):
-                key = _FOLDERS.get(element.tag, "texturedir")
-                start = settings.get(key, settings.get("assetdir", ""))
-                place = Path(start) / (Path(name).name if strips else name)
-                if (home / place).is_file():
-                    yield home / place, place
-
-
-def _named(element: Element) -> Iterator[str]:
-    return (element.attributes[k] for k in _FILES if element.attributes.get(k))

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from estimates import random_estimate
 from mujoco_torques import SPRUNG, inverse_dynamics
-from robots import random_states
+from robots import URDF, random_states
 
 from consistent_id import DriveTerms, ProblemError, to_mjcf
 from consistent_id.regression import GearCoupling
-from consistent_id.robot import load_mjcf
+from consistent_id.robot import load_mjcf, load_urdf
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -122,7 +122,10 @@ def test_shapes_that_weighed_give_way_to_inertials(dressed):
 DAMPED = DriveTerms(viscous=True, rotor_inertia=True, spring=True)
 COMPILED = {
     "the total mass": ('settotalmass="2" meshdir', "meshdir"),
-    "least masses and inertias": ('boundmass="2" boundinertia="1" meshdir', "meshdir"),
+    "least masses and inertias": (
+        'boundmass="50" boundinertia="50" meshdir',
+        "meshdir",
+    ),
     "fused bodies": ('fusestatic="true" meshdir', "meshdir"),
     "a damping ratio": ('name="lift" springdamper="0.5 1"', 'name="lift"'),
 }
@@ -202,3 +205,17 @@ def test_coupled_gears_of_a_file_are_a_tendon_in_it(dressed):
     model = mujoco.MjModel.from_xml_path(str(path))
     assert model.ntendon == 1
     assert np.ravel(model.tendon_damping)[0] == x[-1]
+
+
+def test_a_urdf_becomes_the_mjcf_of_the_identified_robot(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text(URDF)
+    robot = load_urdf(path)
+    estimate = random_estimate(np.random.default_rng(8), robot, DAMPED)
+    export = to_mjcf(estimate, path)
+    assert "robot.urdf is a URDF, so MuJoCo wrote it anew" in "\n".join(export.notes)
+    states = random_states(np.random.default_rng(0), len(robot), 5)
+    expected = estimate.model.predict(estimate.parameters, *states)
+    model = mujoco.MjModel.from_xml_string(str(export))
+    found = inverse_dynamics(model, robot.joint_names, states)
+    assert np.allclose(found, expected, rtol=0, atol=1e-9 * abs(expected).max())
