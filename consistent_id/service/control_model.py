@@ -215,10 +215,11 @@ class ControlModel:
             torque[:, j] += self.parameters[column] * values
         return torque.reshape(shape)
 
-    def _flat(self, *values: ArrayLike | None) -> tuple[list[Any], tuple[int, ...]]:
+    def _flat(
+        self, q: ArrayLike, *others: ArrayLike | None
+    ) -> tuple[list[Any], tuple[int, ...]]:
         """Return arrays of shape (samples, joints), and the shape of the result."""
         n = len(self.joints)
-        q, *others = values
         given = [self._state(q), *(self._state(v) for v in others if v is not None)]
         shapes = [array.shape for array in given]
         try:
@@ -231,7 +232,7 @@ class ControlModel:
         same = iter(np.broadcast_arrays(*given))
         return [
             None if v is None else np.ascontiguousarray(next(same).reshape(-1, n))
-            for v in values
+            for v in (q, *others)
         ], shape
 
     def _state(self, values: ArrayLike) -> Array:
