@@ -158,7 +158,10 @@ def _export(options: argparse.Namespace) -> Answer:
         more = (f"{len(more)} notes on how it was estimated: --verbose prints them",)
     said = (*errors, *verdict.lines, *chosen.stated, *export.notes, *more)
     lines = (verdict.sentence, *(f"  {note}" for note in said))
-    last = f"written: {written}, {record['readme']}" if written else _NOTHING
+    last = _NOTHING
+    if written is not None:
+        side = () if export.side is None else (written.with_suffix(export.side.suffix),)
+        last = f"written: {', '.join(map(str, (written, *side, record['readme'])))}"
     return Answer(0, "\n".join([*lines, last]), record)
 
 

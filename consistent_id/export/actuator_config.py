@@ -17,6 +17,7 @@ from consistent_id.export.export_formats import (
     Export,
     ExportFormat,
     SideFile,
+    comment_text,
     exporter,
     provenance,
     without_doubtful,
@@ -274,7 +275,7 @@ def readme(
     rows = "".join(_missing(estimate, known))
     late = delay != 0.0 and not known.takes_gains
     text = _README.format(
-        line=provenance(estimate).replace("--", "- -"),
+        line=comment_text(provenance(estimate)),
         file=file,
         content=known.content,
         notes="\n".join(f"- {note}" for note in notes) or "None.",

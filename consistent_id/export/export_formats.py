@@ -173,8 +173,10 @@ class Export:
         Raises
         ------
         ProblemError
-            If a folder cannot be written to, or another file would be overwritten.
+            If a folder cannot be written to, if another file would be overwritten, or
+            if the path is that of the file beside it.
         """
+        self._require_own_name(Path(path))
         beside = [(Path(path).parent / name, place) for place, name in self.files]
         for target, place in beside:
             if target.exists() and target.read_bytes() != place.read_bytes():
@@ -190,6 +192,15 @@ class Export:
                 Path(path).with_suffix(self.side.suffix), self.side.content
             )
         return write_atomically(path, self.content)
+
+    def _require_own_name(self, path: Path) -> None:
+        if self.side is None or path.with_suffix(self.side.suffix) != path:
+            return
+        raise ProblemError(
+            f"{path}: this is the name of the file that goes with {self.format}; "
+            "choose another ending for the file itself"
+            + (f", such as {path.with_suffix('.c').name}" if self.format == "c" else "")
+        )
 
 
 def exported(
@@ -429,9 +440,20 @@ def provenance(estimate: "Estimate") -> str:
     )
 
 
+def comment_text(text: str) -> str:
+    """Return text for a comment of XML, in which two hyphens may not follow each other.
+
+    Examples
+    --------
+    >>> comment_text("arm---left -> right")
+    'arm- - -left - right'
+    """
+    return re.sub("-(?=-)", "- ", text).replace(">", "")
+
+
 def comment_edit(document: "XmlText", text: str) -> "Edit":
     """Return the edit that puts a comment first, in place of an earlier one."""
-    text = text.replace("--", "- -").replace(">", "")
-    edit = document.insert(document.root, [[f"<!-- {text} -->"]])
+    line = comment_text(text)
+    edit = document.insert(document.root, [[f"<!-- {line} -->"]])
     earlier = _COMMENT.match(document.data, edit.start)
     return edit if earlier is None else edit._replace(stop=earlier.end())

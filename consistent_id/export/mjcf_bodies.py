@@ -157,18 +157,63 @@ def read_spec(path: Path) -> tuple[Any, Any]:
         raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None
 
 
+def inertia_settings(spec: Any) -> dict[str, str]:
+    """Return settings by which MuJoCo would change stated inertials, switched off.
+
+    By attribute of ``<compiler>``; only those that a file has switched on.
+    """
+    compiler, found = spec.compiler, dict[str, str]()
+    from_geoms = require_mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    if compiler.inertiafromgeom == from_geoms:
+        found["inertiafromgeom"] = "auto"
+    if compiler.settotalmass > 0.0:
+        found["settotalmass"] = "-1"
+    for name in ("boundmass", "boundinertia"):
+        if getattr(compiler, name) > 0.0:
+            found[name] = "0"
+    return found
+
+
+def kept_effects(spec: Any) -> list[str]:
+    """Return notes on what else acts on joints in a file, and is left as it was."""
+    notes, disabled = [], require_mujoco().mjtDisableBit
+    weightless = [body.name for body in spec.bodies if body.gravcomp]
+    if weightless:
+        notes.append(
+            f"the file compensates gravity of {', '.join(weightless)} (gravcomp), as "
+            "before: in MuJoCo, joints do not need the torque of this weight"
+        )
+    if spec.option.density or spec.option.viscosity:
+        notes.append(
+            "the file has a medium (density, viscosity of <option>), as before: its "
+            "drag adds to the identified friction; set both to 0"
+        )
+    off = [
+        name
+        for name in ("spring", "damper", "frictionloss")
+        if spec.option.disableflags & getattr(disabled, f"mjDSBL_{name.upper()}", 0)
+    ]
+    if off:
+        notes.append(
+            f"the file disables {', '.join(off)} (<flag>), as before: MuJoCo ignores "
+            "these identified values; remove the flags"
+        )
+    return notes
+
+
 def put_into(source: MjcfSource, estimate: Estimate) -> list[str]:
     """Put the estimate's bodies into a file's; return notes."""
     mujoco = require_mujoco()
     robot, spec, tree = estimate.model.robot, source.spec, source.tree
-    from_geoms = mujoco.mjtInertiaFromGeom
-    if spec.compiler.inertiafromgeom == from_geoms.mjINERTIAFROMGEOM_TRUE:
+    if changed := inertia_settings(spec):
         for name, body in list(tree.bodies.items())[1:]:
             set_body(body, source.body(name), moves=False)
-        spec.compiler.inertiafromgeom = from_geoms.mjINERTIAFROMGEOM_AUTO
+        spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+        for name in changed.keys() - {"inertiafromgeom"}:
+            setattr(spec.compiler, name, float(changed[name]))
     if not np.array_equal(spec.option.gravity, robot.gravity):
         spec.option.gravity = robot.gravity
-    notes: list[str] = []
+    notes = kept_effects(spec)
     for k, vector in enumerate(estimate.links):
         link, joint = robot.links[k].name, robot.joints[k].name
         whole = InertialParameters(vector)

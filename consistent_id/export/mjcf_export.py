@@ -24,6 +24,7 @@ from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.export_formats import (
     Export,
+    comment_text,
     exporter,
     provenance,
     require_exportable,
@@ -300,7 +301,7 @@ def to_mjcf(
         text = exact_xml(spec)
     except (ValueError, mujoco.FatalError) as cause:
         raise ModelError(f"MuJoCo refuses the estimate: {cause}") from None
-    comment = line.replace("--", "- -").encode("ascii", "replace")
+    comment = comment_text(line).encode("ascii", "replace")
     return Export("mjcf", b"<!-- " + comment + b" -->\n" + text, notes)
 
 
@@ -442,6 +443,7 @@ def _set_drive(spec: Any, joint: Any, drive: JointDrive) -> None:
     angle = 180.0 / np.pi if turns and spec.compiler.degree else 1.0
     offset = drive.values.get("offset", 0.0)
     spring = drive.simulated("stiffness") or WEAK * abs(offset)
+    joint.springdamper = [0.0, 0.0]  # would go before damping and stiffness
     set_number(joint, "damping", drive.simulated("damping") or 0.0)
     set_number(joint, "frictionloss", drive.simulated("friction") or 0.0)
     set_number(joint, "armature", drive.simulated("armature") or 0.0)

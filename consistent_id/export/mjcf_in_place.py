@@ -5,7 +5,7 @@ are found from the folder where the new file is.  The numbers are exact: MuJoCo 
 prints six digits.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,10 +14,15 @@ import numpy as np
 from consistent_id._support.arrays import Array
 from consistent_id._support.files import relative_path
 from consistent_id.errors import ModelError
-from consistent_id.export.export_formats import comment_edit
-from consistent_id.export.mjcf_bodies import read_spec, require_mujoco
+from consistent_id.export.export_formats import comment_edit, comment_text
+from consistent_id.export.mjcf_assets import asset_files, path_edits, set_section
+from consistent_id.export.mjcf_bodies import (
+    inertia_settings,
+    read_spec,
+    require_mujoco,
+)
 from consistent_id.robot.loaders.mjcf import compiled_body
-from consistent_id.robot.loaders.mjcf_spec import stand_in
+from consistent_id.robot.loaders.mjcf_spec import spec_of_file, stand_in
 from consistent_id.robot.loaders.urdf_in_place import Edit, XmlText, joined, number
 from consistent_id.robot.loaders.xml import Element
 
@@ -132,17 +137,6 @@ _TURNED = ("axisangle", "xyaxes", "zaxis", "euler", "fullinertia")
 _ROUNDED = 1e-13  # of the largest parameter
 _TENDON = ("damping", "frictionloss", "armature")
 
-_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir"}
-_FILES = (
-    "file",
-    "fileright",
-    "fileleft",
-    "fileup",
-    "filedown",
-    "filefront",
-    "fileback",
-)
-
 
 class InPlace(NamedTuple):
     """A file's new content, files that it needs beside it, and notes."""
@@ -184,16 +178,16 @@ def put_in_place(
     places = places_in(document.root, after)
     if places is None:
         return _rewritten(spec, source, comment, folder, files)
-    from_geoms = require_mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    every = before_spec.compiler.inertiafromgeom == from_geoms
+    settings = inertia_settings(before_spec)
+    undamped = _undamped(before_spec, spec)
     edits = number_edits(
         document,
         places,
-        _CompiledPair(before, after, before_spec.compiler.degree),
-        every_body=every,
+        _CompiledPair(before, after, before_spec.compiler.degree, undamped),
+        every_body=bool(settings),
     )
-    if every:
-        edits += set_section(document, "compiler", {"inertiafromgeom": "auto"})
+    if settings:
+        edits += set_section(document, "compiler", settings)
     edits += site_edits(document, places, before, after)
     edits += tendon_edits(document, before, after)
     edits = [*edits, *moved, comment_edit(document, comment)]
@@ -210,31 +204,31 @@ def _rewritten(
     files: tuple[tuple[Path, Path], ...],
 ) -> InPlace:
     """Return MuJoCo's own output, for files whose elements are not the model's."""
-    fresh = require_mujoco().MjSpec.from_file(str(source))
+    fresh = spec_of_file(source, require_mujoco())
     gone = stand_in(fresh, source, require_mujoco())
+    urdf = XmlText.read(source).root.tag == "robot"
+    what = "is a URDF" if urdf else "includes or repeats parts"
     if gone:
         raise ModelError(
-            f"{source}: it includes or repeats parts, so MuJoCo has to write it anew, "
-            f"and cannot without {gone[0]!r}; put its meshes and textures beside it"
+            f"{source}: it {what}, so MuJoCo has to write it anew, and cannot without "
+            f"{gone[0]!r}; put its meshes and textures beside it"
         )
     if not files:
         for name in ("meshdir", "texturedir"):
             place = source.parent / getattr(spec.compiler, name)
             setattr(spec.compiler, name, relative_path(place, folder))
-    line = comment.replace("--", "- -").encode("ascii", "replace")
-    note = (
-        f"{source.name} includes or repeats parts, so MuJoCo wrote it anew: comments "
-        "are lost"
-    )
+    line = comment_text(comment).encode("ascii", "replace")
+    note = f"{source.name} {what}, so MuJoCo wrote it anew: comments are lost"
     return InPlace(b"<!-- " + line + b" -->\n" + exact_xml(spec), files, (note,))
 
 
 def _require_same(content: bytes, after: Any, source: Path) -> None:
     """Refuse to hand out a file that MuJoCo would read as another robot."""
     mujoco = require_mujoco()
-    original = mujoco.MjSpec.from_file(str(source)).compiler
+    original = read_spec(source)[0].compiler
     try:
         spec = mujoco.MjSpec.from_string(content.decode())
+        spec.compiler.fusestatic = False
         for name in ("meshdir", "texturedir"):
             place = (source.parent / getattr(original, name)).resolve()
             setattr(spec.compiler, name, str(place))
@@ -293,11 +287,14 @@ class _CompiledPair(NamedTuple):
     before, after : mujoco.MjModel
     degree : bool
         Whether angles of the file are in degrees.
+    undamped : set of int
+        Joints whose ``springdamper`` is removed.
     """
 
     before: Any
     after: Any
     degree: bool
+    undamped: frozenset[int]
 
 
 def number_edits(
@@ -381,18 +378,6 @@ def _end(model: Any, wrap: int) -> str:
     return f'<joint joint="{joint}" coef="{share}"/>'
 
 
-def set_section(
-    document: XmlText, tag: str, attributes: Mapping[str, str]
-) -> list[Edit]:
-    """Return edits of a section's attributes; the section is added if it lacks."""
-    found = list(document.root.all(tag))
-    holding = [e for e in found if set(attributes) & set(e.attributes)]
-    if holding or found:
-        return document.set((holding or found)[-1], attributes)
-    pairs = " ".join(f'{name}="{value}"' for name, value in attributes.items())
-    return [document.insert(document.root, [[f"<{tag} {pairs}/>"]])]
-
-
 def _inertial(document: XmlText, body: Element, model: Any, b: int) -> list[Edit]:
     values = {
         "pos": _text(model.body_ipos[b]),
@@ -421,9 +406,21 @@ def _joint(
     if change.degree and hinge and "springref" in changed:
         changed["springref"] = [float(np.rad2deg(x)) for x in changed["springref"]]
     values = {name: _text(value) for name, value in changed.items()}
+    if j in change.undamped:
+        values["springdamper"] = "0 0"
     if not element.name:  # as `load_mjcf` calls it, so that it can be found
         values["name"] = after.jnt(j).name
     return document.set(element, values)
+
+
+def _undamped(before: Any, after: Any) -> frozenset[int]:
+    """Return joints whose ``springdamper`` is removed from a specification."""
+    pairs = zip(before.joints, after.joints, strict=True)
+    return frozenset(
+        int(joint.id)
+        for joint, changed in pairs
+        if np.any(joint.springdamper) and not np.any(changed.springdamper)
+    )
 
 
 def _drive(model: Any, j: int) -> dict[str, list[float]]:
@@ -459,44 +456,3 @@ def _joints(body: Element) -> Iterator[Element]:
 
 def _text(values: Any) -> str:
     return " ".join(number(value) for value in values)
-
-
-def path_edits(document: XmlText, home: Path, folder: Path) -> list[Edit]:
-    """Return edits by which files that lie beside `home` are found from `folder`."""
-    if home.resolve() == folder.resolve() or not any(asset_files(document, home)):
-        return []
-    compilers = list(document.root.all("compiler"))
-    stated = {name for c in compilers for name in c.attributes}
-    edits: list[Edit] = []
-    for compiler in compilers:
-        moved: dict[str, str] = {
-            name: relative_path(home / compiler.attributes[name], folder)
-            for name in ("assetdir", "meshdir", "texturedir")
-            if name in compiler.attributes
-        }
-        edits += document.set(compiler, moved)
-    whole = {"assetdir"} <= stated
-    missing = {"meshdir", "texturedir"} - stated if not whole else set()
-    default = {name: relative_path(home, folder) for name in sorted(missing)}
-    return edits + (set_section(document, "compiler", default) if default else [])
-
-
-def asset_files(document: XmlText, home: Path) -> Iterator[tuple[Path, Path]]:
-    """Yield files that are there: where, and where as the MJCF file says it."""
-    root = document.root
-    settings: dict[str, str] = {}
-    for compiler in root.all("compiler"):
-        settings |= compiler.attributes
-    strips = settings.get("strippath") == "true"
-    for section in root.all("asset"):
-        for element in section.children:
-            for name in _named(element):
-                key = _FOLDERS.get(element.tag, "texturedir")
-                start = settings.get(key, settings.get("assetdir", ""))
-                place = Path(start) / (Path(name).name if strips else name)
-                if (home / place).is_file():
-                    yield home / place, place
-
-
-def _named(element: Element) -> Iterator[str]:
-    return (element.attributes[k] for k in _FILES if element.attributes.get(k))

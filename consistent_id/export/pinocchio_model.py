@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from consistent_id._support.arrays import Vector
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.export_formats import Export, exporter
@@ -12,6 +13,12 @@ from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import Joint, RobotModel
 
 _EXPRESSED = ("damping", "friction", "armature")
+
+_CONTINUOUS = (
+    '<robot name="r"><link name="a"/><link name="b"/>'
+    '<joint name="j" type="continuous"><parent link="a"/><child link="b"/>'
+    '<axis xyz="{!r} {!r} {!r}"/></joint></robot>'
+)
 
 
 @exporter("pin")
@@ -105,15 +112,10 @@ def _added(pin: Any, model: Any, joint: Joint) -> int:
         if np.array_equal(joint.axis, unit)
     )
     short = {"prismatic": "P", "revolute": "R", "continuous": "RUB"}[joint.kind]
-    long = {
-        "prismatic": "PrismaticUnaligned",
-        "revolute": "RevoluteUnaligned",
-        "continuous": "RevoluteUnboundedUnaligned",
-    }[joint.kind]
     kind = (
         getattr(pin, f"JointModel{short}{letter}")()
         if letter
-        else getattr(pin, f"JointModel{long}")(joint.axis)
+        else _about(pin, joint.kind, joint.axis)
     )
     limits = joint.limits
     turns = joint.kind == "continuous"
@@ -131,3 +133,13 @@ def _added(pin: Any, model: Any, joint: Joint) -> int:
             np.array(upper),
         )
     )
+
+
+def _about(pin: Any, kind: str, axis: Vector) -> Any:
+    """Return a joint along or about any axis."""
+    if kind == "prismatic":
+        return pin.JointModelPrismaticUnaligned(axis)
+    if kind == "revolute":
+        return pin.JointModelRevoluteUnaligned(axis)
+    # Python cannot give an axis to Pinocchio's joint without limits; its reader can.
+    return pin.buildModelFromXML(_CONTINUOUS.format(*axis.tolist())).joints[1]

@@ -144,7 +144,10 @@ def _smooth(term: DriveTerm, width: float) -> DriveTerm:
 
 
 def _widths(velocity: float | Sequence[float], joints: int) -> Vector:
-    widths = np.atleast_1d(np.asarray(velocity, dtype=np.float64))
+    try:
+        widths = np.atleast_1d(np.asarray(velocity, dtype=np.float64))
+    except (TypeError, ValueError):
+        widths = np.full(1, np.nan)
     sound = bool(np.isfinite(widths).all() and (widths > 0.0).all())
     if widths.ndim != 1 or len(widths) not in (1, joints) or not sound:
         raise ProblemError(

@@ -18,6 +18,7 @@ from consistent_id.export.export_formats import (
     Export,
     SideFile,
     comment_edit,
+    comment_text,
     exporter,
     provenance,
 )
@@ -298,7 +299,7 @@ def urdf_text(estimate: Estimate, comment: str) -> str:
     lines = [
         '<?xml version="1.0"?>',
         f"<robot name={quoteattr(robot.name)}>",
-        f"  <!-- {comment.replace('--', '- -')} -->",
+        f"  <!-- {comment_text(comment)} -->",
     ]
     if not robot.floating:
         lines += [f"  <link name={quoteattr(world)}/>"]

@@ -111,6 +111,11 @@ def repair_urdf(
 
 
 def _check(path: Path, root: Element, options: RepairOptions) -> None:
+    if root.tag == "mujoco":
+        raise ModelError(
+            f"{path}: this is MJCF, expected a URDF. `consistent-id lint` names the "
+            "bodies with faults and the likely mistakes; correct these by hand"
+        )
     if root.tag != "robot":
         raise ModelError(
             f"{path}, line {root.line}: root element is <{root.tag}>, expected <robot>"

@@ -215,22 +215,42 @@ class ControlModel:
             torque[:, j] += self.parameters[column] * values
         return torque.reshape(shape)
 
-    def _flat(self, *values: ArrayLike | None) -> tuple[list[Any], tuple[int, ...]]:
+    def _flat(
+        self, q: ArrayLike, *others: ArrayLike | None
+    ) -> tuple[list[Any], tuple[int, ...]]:
         """Return arrays of shape (samples, joints), and the shape of the result."""
-        given = [np.asarray(v, dtype=np.float64) for v in values if v is not None]
         n = len(self.joints)
-        for array in given:
-            if array.ndim == 0 or array.shape[-1] != n or not np.isfinite(array).all():
-                raise ProblemError(
-                    f"the state has shape {array.shape}, expected finite numbers of "
-                    f"shape (..., {n}): one for each of {', '.join(self.joints)}"
-                )
+        given = [self._state(q), *(self._state(v) for v in others if v is not None)]
+        shapes = [array.shape for array in given]
+        try:
+            shape = np.broadcast_shapes(*shapes)
+        except ValueError:
+            raise ProblemError(
+                f"positions, velocities and accelerations have shapes "
+                f"{', '.join(map(str, shapes))}, expected the same number of samples"
+            ) from None
         same = iter(np.broadcast_arrays(*given))
-        shape = np.broadcast_shapes(*(array.shape for array in given))
         return [
             None if v is None else np.ascontiguousarray(next(same).reshape(-1, n))
-            for v in values
+            for v in (q, *others)
         ], shape
+
+    def _state(self, values: ArrayLike) -> Array:
+        """Return a state as numbers of shape (..., joints)."""
+        n = len(self.joints)
+        expected = (
+            f"expected finite numbers of shape (..., {n}): one for each of "
+            f"{', '.join(self.joints)}"
+        )
+        try:
+            if np.iscomplexobj(values):
+                raise TypeError("complex numbers")
+            array = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError) as cause:
+            raise ProblemError(f"the state: {cause}, {expected}") from None
+        if array.ndim == 0 or array.shape[-1] != n or not np.isfinite(array).all():
+            raise ProblemError(f"the state has shape {array.shape}, {expected}")
+        return np.asarray(array)
 
 
 def control_model(

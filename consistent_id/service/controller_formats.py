@@ -28,6 +28,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.tables import brief
 from consistent_id.errors import ModelError, ProblemError
+from consistent_id.export.export_formats import comment_text
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame
 from consistent_id.robot.parameters import did_you_mean
@@ -319,7 +320,7 @@ def urdf_body(load: ControllerLoad) -> str:
     )
     child, parent = quoteattr(load.name), quoteattr(load.flange.name)
     return (
-        f"<!-- {_comment(load.mark)} -->\n<robot name={child}>\n"
+        f"<!-- {comment_text(load.mark)} -->\n<robot name={child}>\n"
         f"  <link name={child}>\n    <inertial>\n"
         f'      <origin xyz="{com}" rpy="0 0 0"/>\n      <mass value="{m}"/>\n'
         f"      <inertia {entries}/>\n    </inertial>\n  </link>\n"
@@ -344,8 +345,8 @@ def mjcf_body(load: ControllerLoad) -> str:
     place = _spaced(load.flange.translation)
     quat = _spaced(quaternion_wxyz(load.flange.rotation))
     return (
-        f"<!-- {_comment(load.mark)} -->\n<mujoco>\n  <worldbody>\n"
-        f"    <!-- to put into the body {_comment(_line(load.link))} -->\n"
+        f"<!-- {comment_text(load.mark)} -->\n<mujoco>\n  <worldbody>\n"
+        f"    <!-- to put into the body {comment_text(_line(load.link))} -->\n"
         f'    <body name={quoteattr(load.name)} pos="{place}" quat="{quat}">\n'
         f'      <inertial pos="{com}" mass="{m}" {form}/>\n'
         "    </body>\n  </worldbody>\n</mujoco>\n"
@@ -506,7 +507,3 @@ def _spaced(values: Any) -> str:
 
 def _line(text: str) -> str:
     return " ".join(text.split())
-
-
-def _comment(text: str) -> str:
-    return text.replace("--", "- -").replace(">", "")

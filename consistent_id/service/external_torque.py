@@ -90,8 +90,16 @@ class MomentumObserver:
     def start(
         self, time: float, q: ArrayLike, dq: ArrayLike, torque: ArrayLike
     ) -> ObserverState:
-        """Return the state at the first sample, at which nothing acts from outside."""
+        """Return the state at the first sample, at which nothing acts from outside.
+
+        Raises
+        ------
+        ProblemError
+            If shapes do not fit, or the time is not finite.
+        """
         at, rate, drive = self._sample(q, dq, torque)
+        if not np.isfinite(time):
+            raise ProblemError(f"the first sample's time is {time}, expected seconds")
         still = np.zeros(len(at))
         expected = self.control.torque(at, rate, still)
         return ObserverState(time, at, rate, drive, still, still, expected)
@@ -122,7 +130,7 @@ class MomentumObserver:
         """
         at, rate, drive = self._sample(q, dq, torque)
         dt = time - state.time
-        if not dt > 0.0:
+        if not 0.0 < dt < np.inf:
             raise ProblemError(
                 f"the sample's time is {time:.9g} s, expected more than "
                 f"{state.time:.9g} s, that of the sample before"

@@ -162,7 +162,14 @@ class OnlineEstimate:
         ----------
         time : float, [s]
             Before the first sample.
+
+        Raises
+        ------
+        ProblemError
+            If it is no time.
         """
+        if not time < np.inf:
+            raise ProblemError(f"the time is {time}, expected seconds")
         size, joints = len(self.unit), len(self.sigma)
         state = OnlineState(
             time,

@@ -309,7 +309,7 @@ def test_what_is_refused_is_not_exported_unless_told(rx60_estimate, capsys, stud
     assert not file.exists()
     assert main([*arguments, *accepted]) == 0
     assert "accepted: " in file.read_text()
-    capsys.readouterr()
+    assert f"written: {file}, {file.with_suffix('.h')}, " in capsys.readouterr().out
 
 
 @pytest.fixture(scope="module")

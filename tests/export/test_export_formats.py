@@ -8,6 +8,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -262,3 +263,18 @@ def test_the_page_beside_a_file_says_what_to_add(driven):
     assert f"rotor_inertia | {value} | `rotor_inertia ddq` |" in text
     text = readme(estimate, "isaaclab", "arm.py", delay=0.004).content.decode()
     assert "has every drive term" in text and "deque" not in text
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+def test_a_comment_is_well_formed_whatever_the_robot_is_called(estimate, form):
+    model = estimate.model
+    robot = replace(model.robot, name="arm---left -->")
+    named = replace(estimate, model=replace(model, robot=robot))
+    root = ElementTree.fromstring(exported(named, form).content)
+    assert root.get("name", root.get("model")) == robot.name
+
+
+def test_a_file_is_not_written_over_the_one_beside_it(estimate, tmp_path):
+    with pytest.raises(ProblemError, match=r"arm\.h: .*, such as arm\.c"):
+        exported(estimate, "c").save(tmp_path / "arm.h")
+    assert not any(tmp_path.iterdir())

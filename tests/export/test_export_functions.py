@@ -166,6 +166,21 @@ def test_pinocchios_model_has_bodies_rotors_and_friction(seed):
     assert model.upperDryFrictionLimit[0] == estimate[f"{joint}.coulomb"]
 
 
+@pytest.mark.parametrize("axis", [(0.0, 0.0, -1.0), (0.6, 0.0, 0.8)])
+def test_pinocchios_model_has_continuous_joints_about_any_axis(axis):
+    _, robot = random_robot(np.random.default_rng(3), 1)
+    joint = replace(robot.joints[0], kind="continuous", axis=np.array(axis))
+    estimate = random_estimate(
+        np.random.default_rng(4), replace(robot, joints=(joint,))
+    )
+    q, dq, ddq = (np.array([[x]]) for x in (0.7, -1.2, 0.4))
+    model = pin.Model()
+    model.loadFromString(str(pinocchio_file(estimate)))
+    at = np.array([np.cos(0.7), np.sin(0.7)])
+    found = pin.rnea(model, model.createData(), at, dq[0], ddq[0])
+    _assert_near([found], rigid(estimate, (q, dq, ddq)))
+
+
 def test_pinocchios_file_is_read_back():
     estimate = _estimate(0)
     model = pin.Model()

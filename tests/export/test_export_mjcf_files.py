@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from estimates import random_estimate
 from mujoco_torques import SPRUNG, inverse_dynamics
-from robots import random_states
+from robots import URDF, random_states
 
 from consistent_id import DriveTerms, ProblemError, to_mjcf
 from consistent_id.regression import GearCoupling
-from consistent_id.robot import load_mjcf
+from consistent_id.robot import load_mjcf, load_urdf
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -119,6 +119,63 @@ def test_shapes_that_weighed_give_way_to_inertials(dressed):
         assert np.allclose(link.nominal.vector, vector, rtol=1e-12, atol=1e-12)
 
 
+DAMPED = DriveTerms(viscous=True, rotor_inertia=True, spring=True)
+COMPILED = {
+    "the total mass": ('settotalmass="2" meshdir', "meshdir"),
+    "least masses and inertias": (
+        'boundmass="50" boundinertia="50" meshdir',
+        "meshdir",
+    ),
+    "fused bodies": ('fusestatic="true" meshdir', "meshdir"),
+    "a damping ratio": ('name="lift" springdamper="0.5 1"', 'name="lift"'),
+}
+
+
+@pytest.mark.filterwarnings("ignore:.*settotalmass")
+@pytest.mark.parametrize("what", COMPILED)
+def test_settings_that_change_a_body_or_a_drive_give_way(dressed, what):
+    path, _ = dressed
+    plate = '<body name="plate"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    text = DRESSED.replace('<geom size="0.05"/>', f'<geom size="0.05"/>{plate}</body>')
+    new, old = COMPILED[what]
+    path.write_text(text.replace(old, new))
+    robot = load_mjcf(path)
+    assert [frame.name for frame in robot.links[1].merged] == ["plate"]
+    estimate = random_estimate(np.random.default_rng(8), robot, DAMPED)
+    path.write_bytes(to_mjcf(estimate, path).content)
+    states = random_states(np.random.default_rng(0), 2, 5)
+    expected = estimate.model.predict(estimate.parameters, *states)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    found = inverse_dynamics(model, robot.joint_names, states)
+    assert np.allclose(found, expected, rtol=0, atol=1e-9 * abs(expected).max())
+
+
+KEPT = {
+    "gravcomp": ('body name="arm" gravcomp="1"', 'body name="arm"'),
+    "medium": ('<option density="1.2"/><asset>', "<asset>"),
+    "disables damper": (
+        '<option><flag damper="disable"/></option><asset>',
+        "<asset>",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", KEPT)
+def test_what_else_acts_on_the_joints_is_noted(dressed, what):
+    path, _ = dressed
+    new, old = KEPT[what]
+    path.write_text(DRESSED.replace(old, new))
+    estimate = random_estimate(np.random.default_rng(8), load_mjcf(path), SPRUNG)
+    assert any(what in note for note in to_mjcf(estimate, path).notes)
+
+
+def test_a_file_of_another_ending_gets_the_robot_too(dressed):
+    path, estimate = dressed
+    other = path.with_suffix(".mjcf")
+    other.write_text(DRESSED)
+    assert to_mjcf(estimate, other).content == to_mjcf(estimate, path).content
+
+
 def test_a_torque_offset_is_a_weak_spring(dressed):
     path, _ = dressed
     offset = DriveTerms(offset=True)
@@ -148,3 +205,17 @@ def test_coupled_gears_of_a_file_are_a_tendon_in_it(dressed):
     model = mujoco.MjModel.from_xml_path(str(path))
     assert model.ntendon == 1
     assert np.ravel(model.tendon_damping)[0] == x[-1]
+
+
+def test_a_urdf_becomes_the_mjcf_of_the_identified_robot(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text(URDF)
+    robot = load_urdf(path)
+    estimate = random_estimate(np.random.default_rng(8), robot, DAMPED)
+    export = to_mjcf(estimate, path)
+    assert "robot.urdf is a URDF, so MuJoCo wrote it anew" in "\n".join(export.notes)
+    states = random_states(np.random.default_rng(0), len(robot), 5)
+    expected = estimate.model.predict(estimate.parameters, *states)
+    model = mujoco.MjModel.from_xml_string(str(export))
+    found = inverse_dynamics(model, robot.joint_names, states)
+    assert np.allclose(found, expected, rtol=0, atol=1e-9 * abs(expected).max())

@@ -275,3 +275,10 @@ def test_the_command_ends_with_1_where_something_is_refused(broken, capsys):
     assert main(["repair", str(path), "--mass", "two=1.5"]) == 0
     assert main(["repair", str(path), "--mass", "two"]) == 2
     assert "such as tool=0.4" in capsys.readouterr().err
+
+
+def test_mjcf_is_answered_with_what_finds_its_faults(tmp_path):
+    path = tmp_path / "robot.xml"
+    path.write_text("<mujoco/>")
+    with pytest.raises(ModelError, match=r"this is MJCF, .*`consistent-id lint`"):
+        repair_urdf(path)

@@ -293,6 +293,28 @@ def test_what_cannot_be_computed_is_refused():
             control_model(driven(), friction_velocity=wrong)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        (["a"] * JOINTS, "could not convert string"),
+        ([[1.0], [2.0, 3.0]], "inhomogeneous"),
+        (np.full(JOINTS, 1j), "complex numbers"),
+        (None, r"shape \(\)"),
+    ],
+)
+def test_a_state_that_is_no_array_of_numbers_is_refused(wrong, why):
+    with pytest.raises(ProblemError, match=rf"{why}.*expected finite numbers"):
+        control_model(driven()).gravity(wrong)
+
+
+def test_states_of_other_numbers_of_samples_and_words_as_widths_are_refused():
+    control = control_model(driven())
+    with pytest.raises(ProblemError, match="the same number of samples"):
+        control.bias(np.zeros((3, JOINTS)), np.zeros((2, JOINTS)))
+    with pytest.raises(ProblemError, match="expected one positive number"):
+        control_model(driven(), friction_velocity="slow")
+
+
 def test_no_door_leads_around_the_verdict():
     reason = Reason("misfit", "do not use", "it does not fit", "check units")
     verdict = Verdict("do not use", "constrained", (reason,))

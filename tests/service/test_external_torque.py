@@ -80,8 +80,11 @@ def test_wrong_input_is_refused():
         with pytest.raises(ProblemError, match="gains of the observer"):
             MomentumObserver(control, wrong)
     state = observer.start(0.0, *np.zeros((3, 6)))
-    with pytest.raises(ProblemError, match="expected more than 0 s"):
-        observer.step(state, 0.0, *np.zeros((3, 6)))
+    for time in (0.0, np.inf, np.nan):
+        with pytest.raises(ProblemError, match="expected more than 0 s"):
+            observer.step(state, time, *np.zeros((3, 6)))
+    with pytest.raises(ProblemError, match="first sample's time is nan"):
+        observer.start(np.nan, *np.zeros((3, 6)))
     still = Recording(log.joints, log.time, log.position)
     with pytest.raises(ProblemError, match="needs velocity and torque"):
         observer.along(still)

@@ -173,6 +173,8 @@ def test_the_same_blocks_give_the_same_state(estimate):
 def test_blocks_have_to_be_in_order(estimate):
     online, whole = OnlineEstimate(estimate), log(9, seconds=1.0)
     state = online.follow(online.start(), whole.samples(slice(50, None)))
+    with pytest.raises(ci.ProblemError, match="the time is nan"):
+        online.start(np.nan)
     with pytest.raises(ci.ProblemError, match="begin again"):
         online.follow(state, whole.samples(slice(0, 50)))
 

@@ -136,6 +136,9 @@ def _included(path: Path) -> dict[str, bytes]:
 def read_spec(path: Path, mujoco: Any) -> Any:
     """Return a file's ``mujoco.MjSpec``, with stand-ins for meshes that are missing.
 
+    Bodies without joints stay bodies, also where the file lets MuJoCo fuse them with
+    their parents: fused bodies have no name and no place.
+
     Raises
     ------
     ModelError
@@ -147,6 +150,7 @@ def read_spec(path: Path, mujoco: Any) -> Any:
     except (ValueError, mujoco.FatalError) as cause:
         raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None
     stand_in(spec, path, mujoco)
+    spec.compiler.fusestatic = False
     return spec
 
 
