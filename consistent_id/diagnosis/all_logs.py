@@ -29,6 +29,7 @@ from consistent_id.diagnosis.free_clock import (
     clock_instead,
     free_clock_findings,
 )
+from consistent_id.diagnosis.frozen_channels import frozen_findings
 from consistent_id.diagnosis.joint_shifts import CommonShifts, joint_shifts
 from consistent_id.diagnosis.leaks import leak_findings
 from consistent_id.diagnosis.one_log import (
@@ -38,7 +39,6 @@ from consistent_id.diagnosis.one_log import (
     signal_findings,
 )
 from consistent_id.diagnosis.signal_faults import (
-    frozen_findings,
     jump_findings,
     noise_findings,
     spike_findings,

@@ -34,8 +34,8 @@ from consistent_id.diagnosis.explain import (
 )
 from consistent_id.diagnosis.factor_rows import FactorLogs
 from consistent_id.diagnosis.findings import LogFinding
+from consistent_id.diagnosis.frozen_channels import frozen_findings, standing_findings
 from consistent_id.diagnosis.signal_faults import (
-    frozen_findings,
     hold_findings,
     jump_findings,
     noise_findings,
@@ -43,7 +43,6 @@ from consistent_id.diagnosis.signal_faults import (
     position_steps,
     resolution_findings,
     spike_findings,
-    standing_findings,
 )
 from consistent_id.diagnosis.torque_channel import (
     channel_findings,

@@ -1,4 +1,4 @@
-"""Faults of single channels: freezes, jumps, spikes, steps and noise.
+"""Faults of single channels: jumps, spikes, steps and noise.
 
 Positions may jump by whole turns, as those of encoders that count from 0 to 360 do.
 """
@@ -42,14 +42,12 @@ def unwrapped(recording: Recording) -> Recording:
     return replace(recording, position=position, position_command=command)
 
 
-_REPEATS = 0.02  # share of rows that repeat others: a fault
-_FROZEN = 0.1  # share of the log with one constant value that is reported
-_MOVING = 0.01  # rad or m of travel in another channel that shows motion,
-_STEPS = 2.0  # and steps of the encoder, within which a position stays constant
-_UNIFORM = 0.05  # share of the way by which a joint at one speed leaves its line
-_WHOLE = 0.2  # s for which all channels stay as they are,
-_ENOUGH = 100  # samples in motion, which show what changes of speed are usual,
-_SUDDEN = 5.0  # times a large change of speed in one sample: the log stood, no robot
+MOVING = 0.01
+"""Travel that shows motion [rad or m]."""
+
+COARSE_TORQUE = 0.1
+"""Step over a torque's standard deviation, above which it is coarse."""
+
 _SPIKE = 15.0  # times the median distance from neighbouring samples,
 _TALL = 1.5  # and times the span of nine tenths of the values: a spike
 _CHANCE = 2.0  # standard deviations of a count beyond chance
@@ -61,8 +59,6 @@ _LONGER = 1.5  # times the median step of the clock: samples are missing
 _FEW = 0.02  # of the samples: more frequent jumps are steps of the encoder
 _HALF = 0.4  # of the travel: a wrapped encoder jumps further
 _EQUAL = 0.1  # relative difference of jumps of a wrapped encoder
-_ONE_STEP = 1.5  # steps between one and two
-_COARSE_TORQUE = 0.1  # step over the torque's standard deviation
 _COARSE_POSITION = 1.0 / 400.0  # step over the travel: accelerations are noise
 # s for which a torque stays constant: it is late by half of this, which is more than
 # filters of currents cause.
@@ -71,165 +67,6 @@ _LOST = 0.1  # of all torque, between the times at which it is updated: a fault
 _NOISY = 0.5  # white noise over the torque's standard deviation that is reported
 _ALL_NOISE = 0.9  # the same, above which there is no signal
 _TINY = 1e-300  # N m or N: least divisor in place of a size of zero
-
-
-def frozen_findings(recording: Recording) -> list[LogFinding]:
-    """Find channels that stay constant for a part of the log while the joint moves.
-
-    A joint at one speed has one velocity, and its torque may be one, too.
-    """
-    moved = recording.position
-    if recording.velocity is not None:
-        steps = np.diff(recording.time, prepend=recording.time[0])
-        moved = np.cumsum(recording.velocity * steps[:, None], axis=0)
-    found = []
-    least = np.maximum(_MOVING, _STEPS * position_steps(recording))
-    for k, joint in enumerate(recording.joints):
-        for name in ("torque", "position", "velocity"):
-            values = getattr(recording, name)
-            if values is None:
-                continue
-            motion = (moved if name == "position" else recording.position)[:, k]
-            for run in _constant_runs(values[:, k]):
-                path = motion[run] - motion[run.start]
-                if not _constant_as_it_is(
-                    name, values[:, k], run, path, recording.time[run], least[k]
-                ):
-                    value = float(values[run.start, k])
-                    found.append(_frozen(recording, joint, name, run, value))
-                    break
-    return found
-
-
-def _constant_as_it_is(
-    name: str, values: Vector, run: slice, path: Vector, time: Vector, least: float
-) -> bool:
-    """Return whether the robot itself, a limit or coarse steps keep values constant.
-
-    Parameters
-    ----------
-    path : ndarray, [rad or m]
-        The way of the joint in this run, by another channel.
-    least : float, [rad or m]
-        A longer way is motion.
-    """
-    value, still = float(values[run.start]), float(np.ptp(path)) < least
-    passed = time - time[0]
-    if name == "velocity":
-        return still or _follows(path, value * passed, least)
-    if name == "position":
-        return still
-    if _at_limit(values, value) or _between_steps(values, run):
-        return True
-    # A torque that is always constant is dead, whether the joint moves or not.
-    if run.stop - run.start == len(values):
-        return False
-    speed = float(path @ passed / max(float(passed @ passed), _TINY))
-    return still or (value != 0.0 and _follows(path, speed * passed, least))
-
-
-def _follows(path: Vector, line: Vector, least: float) -> bool:
-    """Return whether a joint moves along a line."""
-    return float(np.ptp(path - line)) < max(least, _UNIFORM * float(np.ptp(path)))
-
-
-def _constant_runs(values: Vector) -> list[slice]:
-    """Return the runs of equal values that are long enough to be reported."""
-    edges = np.flatnonzero(np.diff(values) != 0.0) + 1
-    ends = np.concatenate([[0], edges, [len(values)]])
-    long = np.flatnonzero(np.diff(ends) >= _FROZEN * len(values))
-    return [slice(int(ends[k]), int(ends[k + 1])) for k in long]
-
-
-def _at_limit(values: Vector, value: float) -> bool:
-    """Return whether a torque stays at a limit, where it is cut off.
-
-    No torque is larger.  If only one sign is limited, the torque leaves the limit and
-    comes back to it; a frozen channel does not.
-    """
-    if abs(value) >= abs(values).max() > 0.0:
-        return True
-    at = values == value
-    stays = at & np.roll(at, 1)  # two equal values in sequence
-    returns = int(np.count_nonzero(stays[1:] & ~stays[:-1])) > 1
-    return returns and value in (values.min(), values.max()) and value != 0.0
-
-
-def _between_steps(values: Vector, run: slice) -> bool:
-    """Return whether a coarse signal changes by one step before and after a run."""
-    step = _step(values)
-    if step <= _COARSE_TORQUE * float(np.std(values)):
-        return False
-    if run.start == 0 or run.stop == len(values):
-        return False
-    changes = values[[run.start - 1, run.stop]] - values[run.start]
-    return bool((abs(changes) < _ONE_STEP * step).all())
-
-
-def _frozen(
-    log: Recording, joint: str, name: str, run: slice, value: float
-) -> LogFinding:
-    whole = run.stop - run.start == len(log)
-    when = "throughout"
-    if not whole:
-        ends = log.time[[run.start, run.stop - 1]]
-        first, last = (instant(end, log.time) for end in ends)
-        when = f"from {first} s to {last} s"
-    return LogFinding(
-        "dead channel" if whole else "frozen channel",
-        "fault",
-        joint,
-        f"{joint}: {name} is {value:.4g} {when}, while the joint moves",
-        "check the column and its sensor; leave the rows out, or the joint out of "
-        "torque_joints",
-        10.0,
-    )
-
-
-def standing_findings(recording: Recording) -> list[LogFinding]:
-    """Find times at which a log repeats one row, though the robot was in motion.
-
-    Robots brake.  A logger that repeats its last row stops all joints in one sample.
-    Without torque, robots that follow drawn paths may stop as suddenly.
-    """
-    if recording.torque is None:
-        return []
-    rows = np.column_stack([recording.position, recording.torque])
-    same = (np.diff(rows, axis=0) == 0.0).all(axis=1)
-    turns = abs(np.diff(recording.position, 2, axis=0))
-    in_motion = turns[~(same[:-1] | same[1:])]
-    if len(in_motion) < _ENOUGH:
-        return []
-    usual = np.quantile(in_motion, 0.99, axis=0)
-    far = _SUDDEN * usual + _STEPS * position_steps(recording)
-    sudden = np.zeros(len(rows), dtype=bool)
-    sudden[1:-1] = (turns > far).any(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]])))
-    lost = [
-        (int(first), int(last))
-        for first, last in edges.reshape(-1, 2)
-        if recording.time[last] - recording.time[first] >= _WHOLE
-        and (sudden[first] or sudden[last])
-    ]
-    if not lost:
-        return []
-    share = sum(last - first for first, last in lost) / len(rows)
-    time = recording.time
-    when = ", ".join(
-        f"{instant(time[a], time)} to {instant(time[b], time)} s" for a, b in lost[:3]
-    )
-    return [
-        LogFinding(
-            "frozen channel",
-            "fault" if share >= _REPEATS else "warning",
-            recording.name,
-            f"all positions and torques stay the same ({when}), and joints stop or "
-            f"start within one sample: the log stood still in {share:.0%} of its rows",
-            "leave these rows out, and take the parts as recordings of their own: "
-            "what lies between them was not recorded",
-            10.0,
-        )
-    ]
 
 
 def spike_findings(
@@ -342,7 +179,7 @@ def jump_findings(recording: Recording) -> list[LogFinding]:
     steps = np.diff(recording.time)
     jumps &= (steps < _LONGER * np.median(steps))[:, None]
     # The last digit of an encoder steps while its joint rests.
-    moving = np.ptp(recording.position, axis=0) > _MOVING
+    moving = np.ptp(recording.position, axis=0) > MOVING
     jumps &= moving
     lost = jumps[:, moving].sum(axis=1) >= max(0.5 * moving.sum(), 2.0)
     if lost.any():
@@ -405,23 +242,23 @@ def resolution_findings(recording: Recording, torque: Recording) -> list[LogFind
     steps = position_steps(recording)
     for joint, step, way in zip(recording.joints, steps, travel, strict=True):
         # Readings of a resting joint only flicker.
-        if way >= _MOVING and step > _COARSE_POSITION * way:
+        if way >= MOVING and step > _COARSE_POSITION * way:
             found.append(_steps("encoder resolution", joint, "position", step, way))
     for joint, tau in zip(torque.joints, np.asarray(torque.torque).T, strict=True):
         size = float(np.std(tau))
         # A torque that is updated seldom has few values, whatever its resolution.
-        step = _step(tau) if held_samples(tau) == 1 else quantum(tau)
-        if step > _COARSE_TORQUE * size > 0.0:
+        step = step_of(tau) if held_samples(tau) == 1 else quantum(tau)
+        if step > COARSE_TORQUE * size > 0.0:
             found.append(_steps("torque resolution", joint, "torque", step, size))
     return found
 
 
 def position_steps(recording: Recording) -> Vector:
     """Return the steps of positions, shape (joints,), [rad or m]; zero if unknown."""
-    return np.array([_step(values) for values in recording.position.T])
+    return np.array([step_of(values) for values in recording.position.T])
 
 
-def _step(values: Vector) -> float:
+def step_of(values: Vector) -> float:
     """Return the step between values; zero if unknown."""
     return quantum(values) or _levels(values)
 
@@ -440,7 +277,7 @@ def _steps(kind: str, joint: str, name: str, step: float, size: float) -> LogFin
         f"{joint}: the {name} has steps of {step:.3g}, and the motion of the log "
         f"changes it by only {size:.3g}",
         "log it with more digits, or move more widely; a lower cut-off averages steps",
-        step / size / (_COARSE_POSITION if name == "position" else _COARSE_TORQUE),
+        step / size / (_COARSE_POSITION if name == "position" else COARSE_TORQUE),
     )
 
 

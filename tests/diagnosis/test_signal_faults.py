@@ -8,15 +8,14 @@ from faulty_logs import clean_log
 
 from consistent_id.diagnosis.clock import velocity_findings
 from consistent_id.diagnosis.coverage import saturation_findings
+from consistent_id.diagnosis.frozen_channels import frozen_findings, standing_findings
 from consistent_id.diagnosis.signal_faults import (
-    frozen_findings,
     hold_findings,
     jump_findings,
     noise_findings,
     noise_share,
     resolution_findings,
     spike_findings,
-    standing_findings,
 )
 from consistent_id.recordings.signals import unwrapped
 from consistent_id.recordings.signals.drive_limits import cut_off
