@@ -50,7 +50,6 @@ from consistent_id.export.mjcf_bodies import (
 from consistent_id.export.mjcf_in_place import exact_xml, put_in_place
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.mjcf import quaternion_matrix
-from consistent_id.robot.loaders.robot_file import is_mjcf
 from consistent_id.robot.model import Joint, Mimic
 
 RADIUS = 0.05
@@ -253,9 +252,9 @@ def to_mjcf(
     estimate : Estimate
     source : str or Path, optional
         The MJCF file that the model was loaded from; all else in it keeps its bytes.
-        Only a file that includes or repeats parts is written anew, by MuJoCo.  Without
-        a source the robot is built anew: bodies, joints and limits, links fixed to them
-        as sites, no shapes.
+        Only a file that includes or repeats parts is written anew, by MuJoCo, and so is
+        a URDF, with its shapes.  Without a source the robot is built anew: bodies,
+        joints and limits, links fixed to them as sites, no shapes.
     folder : str or Path, optional
         Where the file will be written, from where the source's meshes and textures are
         to be found; the source's own by default.
@@ -326,11 +325,6 @@ def mujoco_spec(
     if source is None:
         spec, more = _built(estimate, mujoco)
         tree = spec_tree(spec)
-    elif not is_mjcf(Path(source)):
-        raise ModelError(
-            f"{source}: a URDF, expected the MJCF file that gets the estimate; without "
-            "a source, a new MJCF file is written"
-        )
     else:
         spec, model = read_spec(Path(source))
         tree = spec_tree(spec)
