@@ -53,9 +53,11 @@ SEVERAL = 2
 
 _NEARLY = float(np.log(1.05))  # least logarithm of a speed that is compared with them
 _WIDEN = 1.5  # ratio of the steps of a search
-_HALVES = 6  # times that an interval is halved
-_LOOKS = 11  # speeds over the whole range at which a likely clock is looked for, too
-_HOPELESS = 0.25  # share of what a sure clock explains, below which none is looked for
+_HALVES = 2, 4  # times that an interval is halved, at first and for a likely clock
+_LOOKS = 7  # speeds over the whole range at which a likely clock is looked for, too
+# Shares of what a sure clock explains, below which no better one is looked for: after
+# growing steps, and after the first halves.
+_HOPELESS = 0.25, 0.75
 _FREE = 1e3  # times the widths of nominal bodies: these are free
 
 
@@ -127,15 +129,15 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
     Returns
     -------
     FoundFactor or None
-        None if no speed that differs by the least size is likelier than none, or all
-        are far from sure.  `explained` is twice the logarithm of the likelihood ratio.
+        None if no speed that differs by the least size is likelier than none, or none
+        can be sure.  `explained` is twice the logarithm of the likelihood ratio.
     """
     speeds = _Speeds(as_is)
     least = speeds.factor.least if least is None else least
     most = FARTHEST["clock"]
     low, size, high = _bracket(speeds.lost, least, most)
     # Of a parabola, some four fifths of what the best size explains.
-    if speeds.explained(size) < _HOPELESS * SURE**2:
+    if speeds.explained(size) < _HOPELESS[0] * SURE**2:
         return None
     # The likelihood may have another maximum, far away on the other side.
     grid = np.linspace(-most, most, _LOOKS)
@@ -144,7 +146,10 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
         if far in (0, _LOOKS - 1):
             return None  # the best one is farther away than speeds that are tried
         low, size, high = (float(other) for other in grid[far - 1 : far + 2])
-    size = _least(speeds.lost, low, size, high)
+    low, size, high = _narrowed(speeds.lost, (low, size, high), _HALVES[0])
+    if speeds.explained(size) < _HOPELESS[1] * SURE**2:
+        return None
+    _, size, _ = _narrowed(speeds.lost, (low, size, high), _HALVES[1])
     beyond = speeds.lost(float(np.copysign(most, size))) <= speeds.lost(size)
     if abs(size) < least or beyond:
         return None
@@ -177,11 +182,12 @@ def _bracket(
     return low, best, float(np.clip(high, -most, most))
 
 
-def _least(
-    lost: Callable[[float], float], low: float, best: float, high: float
-) -> float:
-    """Return where a function is least, between sizes of `_bracket`."""
-    for _ in range(_HALVES):
+def _narrowed(
+    lost: Callable[[float], float], around: tuple[float, float, float], halves: int
+) -> tuple[float, float, float]:
+    """Return sizes around a function's least value, nearer than those of `_bracket`."""
+    low, best, high = around
+    for _ in range(halves):
         before, after = 0.5 * (low + best), 0.5 * (best + high)
         least = min((best, before, after), key=lost)
         if least == best:
@@ -190,7 +196,7 @@ def _least(
             best, high = before, best
         else:
             low, best = best, after
-    return best
+    return low, best, high
 
 
 def free_clock_findings(as_is: FactorLogs) -> list[LogFinding]:

@@ -97,20 +97,21 @@ def test_a_clock_that_is_far_from_sure_is_not_looked_for_exactly(monkeypatch):
     _, log = logged(1)
     as_is = FactorLogs.of(_foreign(), [_clocked(log, 1.3)])
     found, looked = estimated(as_is), []
-    least = free_clock._least
+    narrowed = free_clock._narrowed
 
     def noted(*arguments):
         looked.append(arguments)
-        return least(*arguments)
+        return narrowed(*arguments)
 
-    monkeypatch.setattr(free_clock, "_least", noted)
-    for share, looks in ((0.01, 1), (10.0, 0)):
-        sure = np.sqrt(share * found.explained / free_clock._HOPELESS)
-        monkeypatch.setattr(free_clock, "SURE", sure)
+    monkeypatch.setattr(free_clock, "_narrowed", noted)
+    # Shares of what the best clock explains, that growing steps and first halves reach.
+    for shares, looks in (((0.0, 0.0), 2), ((0.0, 1.1), 1), ((1.1, 0.0), 0)):
+        monkeypatch.setattr(free_clock, "SURE", np.sqrt(found.explained))
+        monkeypatch.setattr(free_clock, "_HOPELESS", shares)
         looked.clear()
         again = estimated(as_is)
         assert len(looked) == looks
-        assert (again is None) == (looks == 0)
+        assert (again is None) == (looks < 2)
 
 
 @pytest.mark.parametrize(
