@@ -322,7 +322,10 @@ def _of_roles(draft: "Draft") -> str:
     """Return the division of one log into training and validation, in words."""
     if len({entry.log for entry in draft.recordings}) == len(draft.recordings):
         return ""
-    return "The first 70 % of the motion are for training, the rest for validation."
+    return (
+        "The first 70 % of the motion are for training, or until each joint has moved; "
+        "the rest is for validation."
+    )
 
 
 def _of_columns(draft: "Draft") -> dict[str, str]:

@@ -23,6 +23,9 @@ SHARE = 0.2
 
 _TRAINING = 0.7  # of the motion; the rest is for validation
 _PERIOD = 0.02  # of the motion: with shorter periods, training may end within one
+_MOVES = 0.02  # rad or m: a joint with less travel rests
+_HARDLY = 0.2  # of its travel, below which a joint hardly moves
+_LEAST = 0.05  # of the motion: a shorter validation part tells nothing
 _GAP = 10.0  # steps without a sample
 _ALIKE = 1.25  # ratio of rates up to which one resampled rate suffices for both
 
@@ -62,7 +65,10 @@ def split_logs(
     for file, raw in logs.items():
         kept = _kept(raw, file, stated)
         start, stop = _moving(kept, clock)
-        middle = stop if whole else start + _training(kept, stop - start)
+        middle = stop
+        if not whole:
+            middle = start + _training(kept, stop - start)
+            middle = _with_all_joints(trimmed(kept, start, stop), middle)
         entries += _entries(file, raw, stated, (start, middle, stop))
         parts.append(trimmed(raw, start, middle))
     return Split(tuple(entries), tuple(parts))
@@ -132,6 +138,24 @@ def _training(raw: Recording, duration: float) -> float:
     if whole < 2:
         return share
     return period * min(max(round(_TRAINING * whole), 1), whole - 1)
+
+
+def _with_all_joints(moving: Recording, middle: float) -> float:
+    """Return the end of training, put off where a joint hardly moves before it [s].
+
+    Joints may move one after another: training would tell nothing of the last ones.
+    Where next to nothing is left for validation, it is the end of the motion.
+    """
+    q = moving.position
+    travel = np.maximum.accumulate(q) - np.minimum.accumulate(q)
+    travel = travel[:, travel[-1] > _MOVES]
+    reached = travel / travel[-1]
+    if (reached[np.searchsorted(moving.time, middle) - 1] >= _HARDLY).all():
+        return middle
+    all_moved = int(np.argmax((reached >= _TRAINING).all(axis=1)))
+    left = moving.time[-1] - moving.time[all_moved]
+    end = all_moved if left >= _LEAST * moving.duration else -1
+    return float(moving.time[end])
 
 
 def clock_with(

@@ -65,7 +65,7 @@ def draft_problem(
     Joints and columns are matched by name, the clock is made uniform, standstill at
     either end is left out, and `select_model` selects the model from the training rows.
     Without logs for validation, the last 30 % of each log's motion are the validation
-    rows.
+    rows; less where a joint would otherwise not move in training.
 
     Parameters
     ----------

@@ -397,6 +397,30 @@ def test_a_period_may_lack_a_small_part(cut, training):
     assert _training(log, log.duration) == pytest.approx(training * 4.0, abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("begin", "end"),
+    [
+        (10.0, 2100),  # 70 % of the motion: the second joint has moved
+        (24.0, 2820),  # 70 % of its way
+        (29.0, None),  # next to nothing would be left for validation
+    ],
+)
+def test_training_lasts_until_each_joint_has_moved(tmp_path, begin, end):
+    time = np.arange(3001) / 100.0
+    moves = np.column_stack([time / 10.0, (time - begin) / (30.0 - begin)])
+    q = np.clip(moves, 0.0, 1.0) + 0.01 * np.sin(time)[:, None]
+    log, file = Recording(("a", "b"), time, q), tmp_path / "log.csv"
+    drafted = split_logs({file: log}, Clock(None, None), Statement(), whole=False)
+    first, *others = drafted.entries
+    if end is None:
+        assert not others
+        assert first.rows == (1, len(log))
+        return
+    (last,) = others
+    assert first.rows[1] == pytest.approx(end, abs=30)
+    assert last.rows == (first.rows[1] + 1, len(log))
+
+
 def periodic_log(period, samples, rate):
     time = np.arange(samples) / rate
     angle = 2 * np.pi * time / period
