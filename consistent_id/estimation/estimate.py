@@ -11,6 +11,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.extras import pandas
 from consistent_id._support.files import write_json
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import Table, brief
 from consistent_id.constraints.cones.certificate import Certificate, OptimumVerdict
 from consistent_id.constraints.delivered_bodies import link_conditions, robot_size
@@ -313,6 +314,7 @@ class Estimate:
         ProblemError
             If the recording has no torque, no velocity or no acceleration.
         """
+        require_type(recording, Recording, "recording")
         if recording.velocity is None or recording.acceleration is None:
             raise ProblemError(
                 f"{recording.name}: torques need velocity and acceleration; call "

@@ -133,7 +133,8 @@ def design_trajectory(
     (True, 5.0)
     """
     began = clock.monotonic()
-    model = TorqueModel(model) if isinstance(model, RobotModel) else model
+    if not isinstance(model, TorqueModel):
+        model = TorqueModel(model)
     measured = _measured(model, sensor)
     limits = motion_limits(model.robot) if limits is None else limits
     shares = _require_sensible(starts, time_limit, seed, workers)

@@ -24,6 +24,7 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.beside import BaseMotion
@@ -160,11 +161,7 @@ class TorqueModel:
 
     def __post_init__(self) -> None:
         robot, drive = self.robot, self.drive
-        if not isinstance(robot, RobotModel):
-            raise ProblemError(
-                f"robot: a {type(robot).__name__}, expected a RobotModel; load_robot "
-                "reads one from a URDF or MJCF file"
-            )
+        require_type(robot, RobotModel, "robot")
         if isinstance(drive, DriveTerms):
             drive = (drive,) * len(robot)
         if len(drive) != len(robot):

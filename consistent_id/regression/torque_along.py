@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, frozen
+from consistent_id._support.given_values import require_type
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording, states
 from consistent_id.recordings.signals.filtered_rows import (
@@ -30,6 +31,7 @@ def predicted_torque(model: TorqueModel, x: Vector, recording: Recording) -> Arr
     ProblemError
         If the recording has no velocity or acceleration.
     """
+    require_type(recording, Recording, "recording")
     behind = recording.torque_filter
     if behind is not None:
         require_unchanged(recording)
