@@ -183,32 +183,33 @@ class TorqueModel:
         freeze(self, terms=drive, couplings=couplings, coupled=coupled)
         freeze(self, torque_joints=rows)
         biased = self.biased_rows
+        units = [
+            term.unit[joint.kind == "prismatic"]
+            for (_, joint, _), term in zip(columns, self.column_terms, strict=True)
+        ]
         layout = ParameterLayout(
             links=robot.link_names,
             drive=(
                 *((owner, name) for owner, _, name in columns),
                 *((name, "bias") for name in biased),
             ),
-            drive_units=(
-                *(
-                    term.unit[joint.kind == "prismatic"]
-                    for (_, joint, _), term in zip(
-                        columns, self.column_terms, strict=True
-                    )
-                ),
-                *(BASE_UNITS[name] for name in biased),
-            ),
+            drive_units=(*units, *(BASE_UNITS[name] for name in biased)),
         )
         freeze(self, layout=layout)
         load = checked_reference(robot, drive, self.load_reference)
         freeze(self, load_reference=load)
+        freeze(self, fingerprint=self._digest())
+
+    def _digest(self) -> str:
+        """Return a digest of all that the parameters and the rows depend on."""
+        robot, load = self.robot, self.load_reference
         content = (
-            f"({_geometry(robot)}, {drive!r}, {couplings!r}, {layout!r}, {rows!r})"
+            f"({_geometry(robot)}, {self.terms!r}, {self.couplings!r}, "
+            f"{self.layout!r}, {self.torque_joints!r})"
         )
         content += "" if load is None else repr(load.tolist())
         content += repr(robot.transmissions) if len(robot) < len(robot.joints) else ""
-        digest = sha256(content.encode()).hexdigest()[:16]
-        freeze(self, fingerprint=digest)
+        return sha256(content.encode()).hexdigest()[:16]
 
     @property
     def column_terms(self) -> tuple[DriveTerm, ...]:
