@@ -8,7 +8,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import single_threaded
-from consistent_id._support.given_values import require_type
+from consistent_id._support.given_values import require_types
 from consistent_id._support.tables import Table, brief
 from consistent_id.comparison.consistency_test import (
     ConsistencyTest,
@@ -319,12 +319,11 @@ def compare(
     >>> [report.estimate.method for report in found.reports]
     ['least squares', 'Huber']
     """
+    require_types(estimates, Estimate, "estimates")
+    require_types(training, Recording, "training")
+    require_types(validation, Recording, "validation")
     if not estimates:
         raise ProblemError("no estimate to compare")
-    for estimate in estimates:
-        require_type(estimate, Estimate, "estimates")
-    for recording in (*training, *validation):
-        require_type(recording, Recording, "recordings")
     model = estimates[0].model
     if any(e.model.fingerprint != model.fingerprint for e in estimates):
         raise ProblemError("the estimates have different parameters, or are of others")

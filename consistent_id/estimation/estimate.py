@@ -32,7 +32,7 @@ from consistent_id.estimation.torque_error import (
     prediction_errors,
 )
 from consistent_id.estimation.verdict import Verdict
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.mass_matrix import (
     POSES,
@@ -367,7 +367,7 @@ class Estimate:
                 "consistent_id.uncertainty(model, segments, constraints=...), or take "
                 "standard_errors of least squares"
             )
-        logs = [recordings] if isinstance(recordings, Recording) else list(recordings)
+        logs = several(recordings)
         segments = segment_regressions(self.model, logs, sigma=under.weights)
         residual = residual_sigma(merged(segments), self.parameters, len(self.base))
         if not np.allclose(residual, self.sigma, rtol=1e-6):

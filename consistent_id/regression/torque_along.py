@@ -105,6 +105,8 @@ def simulate_torque(
     >>> log.torque.shape, log.name
     ((200, 1), 'recording (simulated)')
     """
+    require_type(model, TorqueModel, "model")
+    require_type(motion, Recording, "motion")
     motion = motion.of(model.robot.joint_names)
     torque = replace(model, torque_joints=()).predict(parameters, *states(motion))
     shape = torque.shape[1:] if np.ndim(noise) else ()
