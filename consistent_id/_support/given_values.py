@@ -11,6 +11,7 @@ _CALLS = {
     "Recording": "read_recording({}) reads one from a log",
     "Estimate": "open_results(FOLDER).recommended reads one from results",
     "Regression": "build_regression(model, recordings) makes one",
+    "ControlModel": "control_model(estimate) makes one",
     "Study": "run_study(problem) makes one",
     "Problem": "load_problem({}) reads one, and draft_problem(ROBOT, LOGS).problem() "
     "makes one",

@@ -80,7 +80,8 @@ def _of_commands(finding: LogFinding, delay: float) -> LogFinding:
         )
     else:
         advice = (
-            'state their delay in [data.gains], in seconds or as delay = "estimated"'
+            'state their delay in [data.gains], in seconds or as delay = "estimated"; '
+            "if it was found to be zero, look for a filter of the drives"
         )
     return replace(finding, advice=f"the torque is made of commands; {advice}")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import consistent_id as ci
-from consistent_id.service import control_model
+from consistent_id.service import MomentumObserver, control_model
 
 ARM = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
 MODEL = ci.TorqueModel(ARM, ci.DriveTerms(viscous=True))
@@ -38,6 +38,7 @@ LOG = r"a str, expected a Recording; read_recording\('a.csv'\)"
         (ci.to_urdf, "arm.urdf", ESTIMATE),
         (ci.to_mjcf, "arm.urdf", ESTIMATE),
         (control_model, "arm.urdf", ESTIMATE),
+        (MomentumObserver, "arm.urdf", r"a str, expected a ControlModel; control_mod"),
     ],
 )
 def test_a_path_is_answered_with_the_call_that_reads_it(function, given, said):
