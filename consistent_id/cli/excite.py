@@ -426,8 +426,7 @@ def standing_answer(options: argparse.Namespace) -> Answer:
 
 
 def _design(options: argparse.Namespace) -> "StandingDesign":
-    import sys
-
+    from consistent_id._support.progress import counted
     from consistent_id.problems.stated_model import DEFAULT_DRIVE
     from consistent_id.problems.statement_words import read_position
     from consistent_id.regression.regressor import TorqueModel
@@ -445,23 +444,26 @@ def _design(options: argparse.Namespace) -> "StandingDesign":
     feet = standing_feet(robot, path, options.standing, options.sole)
     pose = standing_pose(robot, path, feet, dict(map(read_position, options.stance)))
 
-    def tell(done: int, error: float) -> None:
-        said = f"{done}/{options.candidates} paths, least relative error {error:.3g}"
-        print(f"{said} per N m", file=sys.stderr)
+    with counted(options.candidates, "paths", shows_progress(options)) as count:
 
-    return design_standing(
-        Stance(robot, feet, pose),
-        TorqueModel(robot, DEFAULT_DRIVE.terms),
-        StandingLimits(
-            friction=options.friction, velocity=options.velocity, effort=options.effort
-        ),
-        link=options.link,
-        duration=options.duration or 20.0,
-        candidates=options.candidates,
-        seed=options.seed,
-        time_limit=options.time_limit,
-        tell=tell if shows_progress(options) else None,
-    )
+        def tell(done: int, error: float) -> None:
+            count(done, f"(least relative error: {error:.3g} per N m)")
+
+        return design_standing(
+            Stance(robot, feet, pose),
+            TorqueModel(robot, DEFAULT_DRIVE.terms),
+            StandingLimits(
+                friction=options.friction,
+                velocity=options.velocity,
+                effort=options.effort,
+            ),
+            link=options.link,
+            duration=options.duration or 20.0,
+            candidates=options.candidates,
+            seed=options.seed,
+            time_limit=options.time_limit,
+            tell=tell,
+        )
 
 
 def _refuse_others(options: argparse.Namespace) -> None:

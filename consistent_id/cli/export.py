@@ -3,6 +3,7 @@
 import argparse
 import sys
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -111,8 +112,7 @@ class _Chosen:
 
 
 def _export(options: argparse.Namespace) -> Answer:
-    from consistent_id._support.files import require_writable_file, write_atomically
-    from consistent_id.export.actuator_config import readme
+    from consistent_id._support.files import require_writable_file
     from consistent_id.export.export_formats import exported
 
     if not options.dry_run:
@@ -142,15 +142,8 @@ def _export(options: argparse.Namespace) -> Answer:
     cost, errors = _torque_error(chosen, options.format, source)
     if written is not None:
         errors += _read_back(chosen, options.format, written, delay)
-        page = readme(
-            chosen.estimate,
-            options.format,
-            written.name,
-            (*errors, *export.notes),
-            delay=delay,
-        )
-        beside_it = written.with_name(f"{written.name}{page.suffix}")
-        record["readme"] = str(write_atomically(beside_it, page.content))
+        said = (*errors, *export.notes)
+        record["readme"] = _readme(chosen, options.format, written, said, delay)
     beside = [*errors, *chosen.stated, *export.notes, *more]
     record |= {"format": export.format, "notes": beside}
     record |= {"written": written and str(written), "torque_error": cost}
@@ -163,6 +156,18 @@ def _export(options: argparse.Namespace) -> Answer:
         side = () if export.side is None else (written.with_suffix(export.side.suffix),)
         last = f"written: {', '.join(map(str, (written, *side, record['readme'])))}"
     return Answer(0, "\n".join([*lines, last]), record)
+
+
+def _readme(
+    chosen: _Chosen, form: str, written: Path, said: Sequence[str], delay: float
+) -> str:
+    """Write what users of a written file have to know; return the name of that file."""
+    from consistent_id._support.files import write_atomically
+    from consistent_id.export.actuator_config import readme
+
+    page = readme(chosen.estimate, form, written.name, tuple(said), delay=delay)
+    beside_it = written.with_name(f"{written.name}{page.suffix}")
+    return str(write_atomically(beside_it, page.content))
 
 
 def _refused(verdict: "Verdict", record: dict[str, Any]) -> Answer:

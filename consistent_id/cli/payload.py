@@ -151,26 +151,15 @@ def add_payload(command: argparse.ArgumentParser) -> None:
 
 def run_payload(options: argparse.Namespace) -> int:
     """Weigh a load; return the exit code."""
-    from consistent_id._support.files import (
-        require_writable,
-        write_atomically,
-        write_json,
-    )
+    from consistent_id._support.files import write_atomically, write_json
     from consistent_id._support.tables import Table
     from consistent_id.service.controller_formats import (
         CONTROLLER_FORMATS,
         controller_text,
-        require_load_name,
     )
     from consistent_id.service.weighing import weigh_load
 
-    chosen = options.controller or [known.name for known in CONTROLLER_FORMATS]
-    forms = [known for known in CONTROLLER_FORMATS if known.name in chosen]
-    require_load_name(options.name)
-    for form in forms if options.output is not None else ():
-        form.require_name(options.name)
-    if options.output is not None and not options.dry_run:
-        require_writable(options.output, [_RECORD, *(form.file for form in forms)])
+    forms = _forms(options)
     errors = list(options.gain_errors)
     found = weigh_load(
         robot_without_load(options),
@@ -205,6 +194,26 @@ def run_payload(options: argparse.Namespace) -> int:
         note = f"{options.output} has {', '.join(old)} of an earlier run: delete them"
         tables.insert(1, Table("Not of this load", (), (), (note,)))
     return show(options, tables_answer(tables, record, usable=usable, write=write))
+
+
+def _forms(options: argparse.Namespace) -> "list[ControllerFormat]":
+    """Return the controllers' formats to write; refuse what none of them can have."""
+    from consistent_id._support.files import require_writable
+    from consistent_id.service.controller_formats import (
+        CONTROLLER_FORMATS,
+        require_load_name,
+    )
+
+    chosen = options.controller or [known.name for known in CONTROLLER_FORMATS]
+    forms = [known for known in CONTROLLER_FORMATS if known.name in chosen]
+    require_load_name(options.name)
+    if options.output is None:
+        return forms
+    for form in forms:
+        form.require_name(options.name)
+    if not options.dry_run:
+        require_writable(options.output, [_RECORD, *(form.file for form in forms)])
+    return forms
 
 
 def _present(folder: Path, forms: "Sequence[ControllerFormat]") -> list[str]:

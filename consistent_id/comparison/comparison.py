@@ -8,6 +8,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.given_values import require_types
 from consistent_id._support.tables import Table, brief
 from consistent_id.comparison.consistency_test import (
     ConsistencyTest,
@@ -318,6 +319,9 @@ def compare(
     >>> [report.estimate.method for report in found.reports]
     ['least squares', 'Huber']
     """
+    require_types(estimates, Estimate, "estimates")
+    require_types(training, Recording, "training")
+    require_types(validation, Recording, "validation")
     if not estimates:
         raise ProblemError("no estimate to compare")
     model = estimates[0].model

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.given_values import require_type, require_types
 from consistent_id.constraints import Constraint
 from consistent_id.diagnosis.changes import change_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
@@ -53,7 +54,7 @@ from consistent_id.diagnosis.wrong_units import (
     model_findings,
     travel_findings,
 )
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
@@ -132,7 +133,9 @@ def diagnose(
     >>> "outliers" in [found.kind for found in ci.diagnose(model, wrong).findings]
     True
     """
-    training = [training] if isinstance(training, Recording) else list(training)
+    require_type(model, TorqueModel, "model")
+    training = several(training)
+    require_types(validation, Recording, "validation")
     constraints = datasheet_constraints(model) if constraints is None else constraints
 
     def rows(recording: Recording) -> Recording:

@@ -19,6 +19,10 @@ _UNIFORM = 0.05  # share of the way by which a joint at one speed leaves its lin
 _WHOLE = 0.2  # s for which all channels stay as they are,
 _ENOUGH = 100  # samples in motion, which show what changes of speed are usual,
 _SUDDEN = 5.0  # times a large change of speed in one sample: the log stood, no robot
+_FEW = 10  # samples that show no noise
+_GROWS = 2.0  # growth of differences by two orders: 3.4 of white noise
+_ROUNDED = 2.0  # second difference over rounding that is more than this: noise
+_ROUNDING = 1e-9  # of the largest value: rounding, at least
 _ONE_STEP = 1.5  # steps between one and two
 _TINY = 1e-300  # s^2: least divisor
 
@@ -26,7 +30,8 @@ _TINY = 1e-300  # s^2: least divisor
 def frozen_findings(recording: Recording) -> list[LogFinding]:
     """Find channels that stay constant for a part of the log while the joint moves.
 
-    A joint at one speed has one velocity, and its torque may be one, too.
+    A joint at one speed has one velocity, and its torque may be one, too, unless it is
+    noisy elsewhere.
     """
     moved = recording.position
     if recording.velocity is not None:
@@ -74,13 +79,31 @@ def _constant_as_it_is(
     # A torque that is always constant is dead, whether the joint moves or not.
     if run.stop - run.start == len(values):
         return False
+    if still or value == 0.0 or _noisy(values):
+        return still
     speed = float(path @ passed / max(float(passed @ passed), _TINY))
-    return still or (value != 0.0 and _follows(path, speed * passed, least))
+    return _follows(path, speed * passed, least)
 
 
 def _follows(path: Vector, line: Vector, least: float) -> bool:
     """Return whether a joint moves along a line."""
     return float(np.ptp(path - line)) < max(least, _UNIFORM * float(np.ptp(path)))
+
+
+def _noisy(values: Vector) -> bool:
+    """Return whether a signal has white noise, but for runs of equal values.
+
+    Differences of white noise grow with their order; those of smooth signals shrink.
+    """
+    changing = np.ones(len(values), dtype=np.bool_)
+    for run in _constant_runs(values):
+        changing[run] = False
+    others = values[changing]
+    if len(others) < _FEW:
+        return False
+    second, fourth = (np.median(abs(np.diff(others, n))) for n in (2, 4))
+    rounding = max(step_of(values), _ROUNDING * float(abs(values).max()))
+    return bool(fourth > _GROWS * second and second > _ROUNDED * rounding)
 
 
 def _constant_runs(values: Vector) -> list[slice]:

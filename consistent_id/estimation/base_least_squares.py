@@ -12,6 +12,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.given_values import require_type
 from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.estimation.determination import determined
 from consistent_id.estimation.estimate import Estimate
@@ -82,6 +83,8 @@ def least_squares(
     (0.4, 4)
     """
     started = perf_counter()
+    require_type(model, TorqueModel, "model")
+    require_type(regression, Regression, "regression")
     base = base_parameters(model) if base is None else base
     require_match(model, regression, base)
     free = unconstrained_fit(regression, base)

@@ -6,6 +6,7 @@ from time import perf_counter
 
 from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.given_values import require_type
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.certificate import Certificate, OptimumProof
 from consistent_id.constraints.delivered_bodies import LinkCondition, link_conditions
@@ -125,6 +126,8 @@ def constrained_least_squares(
     (0.4, 'certified')
     """
     started = perf_counter()
+    require_type(model, TorqueModel, "model")
+    require_type(regression, Regression, "regression")
     base = base_parameters(model) if base is None else base
     problem = FitProblem.of(model, regression, constraints, base)
     estimate = constrained_estimate(problem, prior, method=method)

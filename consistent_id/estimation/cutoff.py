@@ -32,7 +32,7 @@ from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, several
 from consistent_id.recordings.signals import differentiated, low_passed, trimmed
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regression import Regression, build_regression
@@ -140,7 +140,7 @@ def best_cutoff(
     NotExcitedError
         See `least_squares`.
     """
-    recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    recordings = several(recordings)
     pairs = [c if isinstance(c, tuple) else (c, c) for c in candidates]
     if len(pairs) < 2 or not min(min(p) for p in pairs) > 0.0:
         raise ProblemError(

@@ -11,6 +11,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.extras import pandas
 from consistent_id._support.files import write_json
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import Table, brief
 from consistent_id.constraints.cones.certificate import Certificate, OptimumVerdict
 from consistent_id.constraints.delivered_bodies import link_conditions, robot_size
@@ -31,7 +32,7 @@ from consistent_id.estimation.torque_error import (
     prediction_errors,
 )
 from consistent_id.estimation.verdict import Verdict
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.mass_matrix import (
     POSES,
@@ -313,6 +314,7 @@ class Estimate:
         ProblemError
             If the recording has no torque, no velocity or no acceleration.
         """
+        require_type(recording, Recording, "recording")
         if recording.velocity is None or recording.acceleration is None:
             raise ProblemError(
                 f"{recording.name}: torques need velocity and acceleration; call "
@@ -365,7 +367,7 @@ class Estimate:
                 "consistent_id.uncertainty(model, segments, constraints=...), or take "
                 "standard_errors of least squares"
             )
-        logs = [recordings] if isinstance(recordings, Recording) else list(recordings)
+        logs = several(recordings)
         segments = segment_regressions(self.model, logs, sigma=under.weights)
         residual = residual_sigma(merged(segments), self.parameters, len(self.base))
         if not np.allclose(residual, self.sigma, rtol=1e-6):

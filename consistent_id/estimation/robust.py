@@ -9,6 +9,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.given_values import require_type
 from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.base_least_squares import unconstrained_estimate
@@ -86,6 +87,7 @@ def huber(
     0.4
     """
     started, rules = perf_counter(), HuberRules(k, iterations, tolerance)
+    require_type(model, TorqueModel, "model")
     base = base_parameters(model) if base is None else base
     plain = build_regression(model, recordings) if regression is None else regression
     sigma = joint_noise(model, plain, base=base)

@@ -128,28 +128,31 @@ def _violations(pose: Vector, guards: Sequence[Guard]) -> tuple[Vector, Matrix]:
     return np.concatenate(values), np.concatenate(slopes)
 
 
-def require_clear_pose(demands: Demands, seed: int = 0) -> None:
-    """Refuse a scene in which no pose was found that keeps all bodies apart.
+def poses_apart(demands: Demands, scene: Scene, seed: int = 0) -> Matrix:
+    """Return some poses in which all bodies are apart, whatever torque they need.
+
+    Returns
+    -------
+    ndarray, shape (poses, joints)
 
     Raises
     ------
     InfeasibleError
-        With the two bodies, their distance and the pose where they are farthest apart.
+        If none was found; with the two bodies, their distance and the pose where they
+        are farthest apart.
     """
-    scene = demands.scene
-    if scene is None or not scene.pairs:
-        return
     low, high = _ranges(demands)
     rng = np.random.default_rng(seed)
     middle = demands.limits.middle
     poses = np.vstack([middle, rng.uniform(low, high, (_LOOKS, len(low)))])
     guards = [guard for guard in demands.guards if guard.keeps_apart]
     worst = worst_excess(poses, guards)
-    if (worst <= 0.0).any():
-        return
-    best = cleared(poses, worst, guards, low, high)[0]
-    if worst_excess(best[None], guards)[0] > 0.0:
-        raise InfeasibleError(_impossible(scene, best))
+    if not (worst <= 0.0).any():
+        poses = cleared(poses, worst, guards, low, high)
+        worst = worst_excess(poses, guards)
+    if not (worst <= 0.0).any():
+        raise InfeasibleError(_impossible(scene, poses[0]))
+    return np.asarray(poses[worst <= 0.0])
 
 
 def clear_poses(demands: Demands, seed: int = 0) -> Matrix | None:
@@ -166,23 +169,25 @@ def clear_poses(demands: Demands, seed: int = 0) -> Matrix | None:
     Raises
     ------
     InfeasibleError
-        See `require_clear_pose`.
+        See `poses_apart`.
     """
-    guards = demands.guards
-    if not any(guard.keeps_apart for guard in guards):
+    guards, scene = demands.guards, demands.scene
+    bodies = [guard for guard in guards if guard.keeps_apart]
+    if scene is None or not bodies:
         return None
     low, high = _ranges(demands)
     poses = np.random.default_rng(seed).uniform(low, high, (_RANDOM, len(low)))
     worst = worst_excess(poses, guards)
     if np.count_nonzero(worst <= 0.0) < _ENOUGH:
+        if not (worst_excess(poses, bodies) <= 0.0).any():
+            # Torque matters only where bodies can be apart.
+            poses = np.vstack([poses_apart(demands, scene, seed), poses])
+            worst = worst_excess(poses, guards)
         poses = cleared(poses, worst, guards, low, high)
         worst = worst_excess(poses, guards)
     order = np.argsort(worst, kind="stable")
     clear = poses[order[worst[order] <= 0.0]]
-    if len(clear):
-        return clear
-    require_clear_pose(demands, seed)  # bodies may be apart where torque is too large
-    return None
+    return clear if len(clear) else None
 
 
 def _ranges(demands: Demands) -> tuple[Vector, Vector]:

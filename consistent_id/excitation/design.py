@@ -133,7 +133,8 @@ def design_trajectory(
     (True, 5.0)
     """
     began = clock.monotonic()
-    model = TorqueModel(model) if isinstance(model, RobotModel) else model
+    if not isinstance(model, TorqueModel):
+        model = TorqueModel(model)
     measured = _measured(model, sensor)
     limits = motion_limits(model.robot) if limits is None else limits
     shares = _require_sensible(starts, time_limit, seed, workers)
@@ -323,19 +324,21 @@ def _warn_if_short(
     step, count = problem.costs.step, min(starts, COMPARED)
     drawn = count * problem.costs.draw
     share = count * _drawing(starts, 1.0)
-    if time_limit - min(drawn, share * time_limit) >= _STEPS * step:
+    first = min(drawn, share * time_limit)
+    if time_limit - first >= _STEPS * step:
         return
     joints, pairs = len(problem.basis.unit), sum(one.pairs for one in problem.guards)
     of = f"{joints} joints" + (f" and {pairs} pairs of bodies" if pairs else "")
+    paths = f", and its random paths {first:.2g} s" if first > 0.0 else ""
     enough = min(_ENOUGH * step + drawn, _ENOUGH * step / (1.0 - share))
     _log.warning(
-        "with %s, a step of the search takes some %.2g s, and its random paths %.2g s: "
-        "%g s are enough for few steps, and preparing and proving the motion take as "
-        "long as dozens. --time-limit %.0f finds a better motion; --tip, --lock or "
-        "--no-collisions make steps shorter",
+        "with %s, a step of the search takes some %.2g s%s: %g s are enough for few "
+        "steps, and preparing and proving the motion take as long as dozens. "
+        "--time-limit %.0f finds a better motion; --tip, --lock or --no-collisions "
+        "make steps shorter",
         of,
         step,
-        min(drawn, share * time_limit),
+        paths,
         time_limit,
         enough,
     )

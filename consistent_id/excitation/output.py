@@ -42,6 +42,7 @@ from consistent_id.excitation.playable import (
 )
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.verification import Demands, demands
+from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.files import follow, write_trajectory
 from consistent_id.motion.files.controller_targets import (
     CYCLES,
@@ -251,14 +252,21 @@ def playable_tables(playable: PlayableDesign) -> list[Table]:
     """Return the same for people."""
     rows = tuple(_rows(playable))
     header = ("motion", "lasts", "least margin", "joint", "limit of")
-    scene = playable.design.demands.scene
-    whole = scene is not None and not scene.unchecked
-    of = "limits and clearances" if whole else "limits, not all clearances,"
-    besides = "" if scene is None else adjacent_words(scene)
-    what = f"run-in and run-out included; {of} {PROVEN}{besides}"
+    proven = _proven_words(playable.design.demands.scene)
+    what = f"run-in and run-out included; {proven}"
     notes = (what, *playable.notes, *playable.refusals)
     found, *others = design_tables(playable.design, playable.proofs)
     return [found, Table("What is played", header, rows, notes), *others]
+
+
+def _proven_words(scene: Scene | None) -> str:
+    """Return what is proven of a motion in a scene, in words."""
+    if scene is None:
+        return f"limits {PROVEN}"
+    of = "limits and clearances"
+    if scene.unchecked:
+        of = "limits, and clearances of the bodies that are checked,"
+    return f"{of} {PROVEN}{adjacent_words(scene)}"
 
 
 def _rows(playable: PlayableDesign) -> Iterator[tuple[str, ...]]:

@@ -8,7 +8,7 @@ beginning, so the result is the same.
 """
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -73,11 +73,10 @@ class Lanes:
         ):
 
             def show() -> None:
-                found = list(read_reports(folder))
-                if found:
-                    best = np.exp(min(one.score for one in found))
-                    complete = sum(one.complete for one in found)
-                    count(complete, f"(best {problem.objective}: {best:.4g})")
+                reports = list(read_reports(folder))
+                if reports:
+                    complete = sum(one.complete for one in reports)
+                    count(complete, f"({_best(problem, reports)})")
 
             here = self._here(len(dealt))
             others = Executor("processes") if executor is None else executor
@@ -93,6 +92,11 @@ class Lanes:
                     found += [one for lane in done.values() for one in lane]
                     show()
             known = {one.number: one for one in [*read_reports(folder), *found]}
+            if known:
+                said = [_best(problem, known.values())]
+                if ended := sum(not one.complete for one in known.values()):
+                    said.append(f"{ended} ended by the limit or an interrupt")
+                count(len(known), f"({', '.join(said)})")
         return tuple(sorted(known.values(), key=lambda one: (one.score, one.number)))
 
     def spent(self, found: Sequence[FoundPath], starts: Sequence[FoundPath]) -> float:
@@ -111,6 +115,11 @@ class Lanes:
         if self.executor is None:
             return 1
         return lanes if self.executor.kind == "serial" else 0
+
+
+def _best(problem: SearchProblem, found: Iterable[FoundPath]) -> str:
+    """Return the best value of the objective, in words."""
+    return f"best {problem.objective}: {np.exp(min(one.score for one in found)):.4g}"
 
 
 def run_lane(

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
 from consistent_id._support.files import write_atomically
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 
@@ -373,6 +374,9 @@ def require_exportable(
     ProblemError
         With the reason of the verdict, or the formats that have such a base.
     """
+    from consistent_id.estimation.estimate import Estimate
+
+    require_type(estimate, Estimate, "estimate")
     known, robot = known_format(form), estimate.model.robot
     if robot.floating and not known.floating:
         others = ", ".join(f.name for f in EXPORT_FORMATS if f.floating)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector, array_default, freeze, freeze_arrays
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.robot.model import Joint, RobotModel, limits_with_followers
@@ -201,6 +202,7 @@ def motion_limits(
     >>> motion_limits(arm, velocity=1.5).middle.tolist()
     [0.5]
     """
+    require_type(robot, RobotModel, "robot")
     names, own = robot.joint_names, limits_with_followers(robot.joints)
     span = {
         joint.name: _own_range(replace(joint, limits=limits))

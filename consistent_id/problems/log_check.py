@@ -11,11 +11,6 @@ from consistent_id.problems.log_entries import drive_limits
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording, instant
 
-_OF_COMMANDS = (
-    "the torque is made of commands: give their delay in [data.gains], in seconds or "
-    'as delay = "estimated"'
-)
-
 # Seconds by which a lag may exceed the delay that is corrected.  Of torque that is 60
 # or 100 ms late and nothing else, on seven arms, it does by 20 ms at most where the
 # correction is right; of torque behind a filter of 1 Hz, by up to 28 ms.
@@ -54,11 +49,41 @@ def check_problem(problem: Problem) -> Diagnosis:
     found = replace(found, findings=(*found.findings, *more))
     if problem.gains is None:
         return found
-    findings = (
-        replace(f, advice=_OF_COMMANDS) if f.kind == "lag" else f
-        for f in found.findings
+    delay = problem.delay_of_commands
+    return replace(
+        found, findings=tuple(_of_commands(f, delay) for f in found.findings)
     )
-    return replace(found, findings=tuple(findings))
+
+
+def _of_commands(finding: LogFinding, delay: float) -> LogFinding:
+    """Return a finding; the advice on a lag of torque is on commands, which cause it.
+
+    A longer delay of commands makes their torque later, never earlier.
+
+    Parameters
+    ----------
+    finding : LogFinding
+        A lag of velocities has no size.
+    delay : float, [s]
+        The delay of commands with which their torque was computed.
+    """
+    if finding.kind != "lag" or not finding.size:
+        return finding
+    now = f"their delay in [data.gains] is {1e3 * delay:.3g} ms"
+    if float(finding.size) > 0.0:
+        cause = f"{now}: it is too long, or they" if delay > 0.0 else "they"
+        advice = f"{cause} were logged later than they acted: check their clock"
+    elif delay > 0.0:
+        advice = (
+            f"{now} already: look for a filter of the drives, and for friction that "
+            "the model lacks, before you state a longer one"
+        )
+    else:
+        advice = (
+            'state their delay in [data.gains], in seconds or as delay = "estimated"; '
+            "if it was found to be zero, look for a filter of the drives"
+        )
+    return replace(finding, advice=f"the torque is made of commands; {advice}")
 
 
 def _beside(

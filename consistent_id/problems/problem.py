@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import Table, brief
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
@@ -410,17 +411,11 @@ def require_problem(value: object, function: str) -> None:
     --------
     >>> require_problem("problems/rx60", "run_study")
     Traceback (most recent call last):
-    consistent_id.errors.ProblemError: run_study: got a str, expected a Problem; ...
+    consistent_id.errors.ProblemError: run_study: a str, expected a Problem; ...
     """
-    if isinstance(value, Problem):
-        return
-    hint = "load_problem reads one, and draft_problem(robot, logs).problem() makes one"
-    if isinstance(value, str | Path):
-        hint = f"load_problem({str(value)!r}) reads it, if it is a problem file"
-    elif isinstance(known := getattr(value, "problem", None), Problem):
+    hint = ""
+    if isinstance(known := getattr(value, "problem", None), Problem):
         hint = f"its problem is {known.name!r}, the attribute `problem`"
     elif callable(known):
         hint = "its method `problem()` returns one"
-    raise ProblemError(
-        f"{function}: got a {type(value).__name__}, expected a Problem; {hint}"
-    )
+    require_type(value, Problem, function, hint)

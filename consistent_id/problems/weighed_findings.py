@@ -44,9 +44,8 @@ _OF_JOINTS = ("noise", "torque resolution")
 _OF_A_PART = (*_OF_JOINTS, "outliers", "encoder resolution", "speed limit")
 # In a part that is too short, the absence of a change proves nothing.
 _OF_EXTENT = ("short", "small motion", "slow motion")
-_RESTS = (
-    0.5  # most of held-out samples at rest: the error in motion is 1.4 times larger
-)
+# Most of held-out samples at rest: errors in motion are at most 1.4 times larger.
+_RESTS = 0.5
 _AROUND = 3.0  # samples about an outlier that are left out with it
 _SEED = 0  # of the rounding errors that are added to a coarse position
 
@@ -167,8 +166,11 @@ def _of_rests(
 ) -> Influence | None:
     """Return the effect of the rests of a recording, in standard errors.
 
-    Without its rests a log has all its motion, so standard errors tell enough.
+    Without its rests a log has all its motion, so standard errors tell enough.  None if
+    it is not certain which recording it is: nothing would be removed.
     """
+    if finding.recording not in {_logged_as(problem, r) for r in training}:
+        return None
 
     def cut(log: Recording) -> Recording:
         own = _logged_as(problem, log) == finding.recording

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -15,6 +16,7 @@ from consistent_id._support.arrays import (
     frozen,
 )
 from consistent_id._support.extras import pandas, xarray
+from consistent_id._support.given_values import require_type, require_types
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion, ContactFlags, Wrench
@@ -520,8 +522,12 @@ class LogFinding:
 
 
 def several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
-    """Return one recording, or any number, as a list."""
-    return [recordings] if isinstance(recordings, Recording) else list(recordings)
+    """Return one recording, or any number, as a list; refuse all else."""
+    if isinstance(recordings, str | Path):
+        require_type(recordings, Recording, "recordings")
+    found = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    require_types(found, Recording, "recordings")
+    return found
 
 
 def states(recording: Recording) -> tuple[Matrix, Matrix, Matrix]:

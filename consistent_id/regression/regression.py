@@ -23,9 +23,10 @@ from consistent_id._support.arrays import (
     frozen,
 )
 from consistent_id._support.executors import single_threaded, worker_threads
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import NotExcitedError, ProblemError
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.correlated_noise import (
     CorrelatedNoise,
     joined_noise,
@@ -234,7 +235,8 @@ def build_regression(
     >>> regression.counts, regression.residual_rms(np.array([*body, 0.4])).round(9)
     ((200,), array([0.]))
     """
-    recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    require_type(model, TorqueModel, "model")
+    recordings = several(recordings)
     if not recordings:
         raise NotExcitedError("there is no recording to learn from")
     weights = _row_weights(model, recordings, row_weights)

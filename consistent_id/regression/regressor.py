@@ -24,6 +24,7 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.beside import BaseMotion
@@ -160,11 +161,7 @@ class TorqueModel:
 
     def __post_init__(self) -> None:
         robot, drive = self.robot, self.drive
-        if not isinstance(robot, RobotModel):
-            raise ProblemError(
-                f"robot: a {type(robot).__name__}, expected a RobotModel; load_robot "
-                "reads one from a URDF or MJCF file"
-            )
+        require_type(robot, RobotModel, "robot")
         if isinstance(drive, DriveTerms):
             drive = (drive,) * len(robot)
         if len(drive) != len(robot):
@@ -186,32 +183,33 @@ class TorqueModel:
         freeze(self, terms=drive, couplings=couplings, coupled=coupled)
         freeze(self, torque_joints=rows)
         biased = self.biased_rows
+        units = [
+            term.unit[joint.kind == "prismatic"]
+            for (_, joint, _), term in zip(columns, self.column_terms, strict=True)
+        ]
         layout = ParameterLayout(
             links=robot.link_names,
             drive=(
                 *((owner, name) for owner, _, name in columns),
                 *((name, "bias") for name in biased),
             ),
-            drive_units=(
-                *(
-                    term.unit[joint.kind == "prismatic"]
-                    for (_, joint, _), term in zip(
-                        columns, self.column_terms, strict=True
-                    )
-                ),
-                *(BASE_UNITS[name] for name in biased),
-            ),
+            drive_units=(*units, *(BASE_UNITS[name] for name in biased)),
         )
         freeze(self, layout=layout)
         load = checked_reference(robot, drive, self.load_reference)
         freeze(self, load_reference=load)
+        freeze(self, fingerprint=self._digest())
+
+    def _digest(self) -> str:
+        """Return a digest of all that the parameters and the rows depend on."""
+        robot, load = self.robot, self.load_reference
         content = (
-            f"({_geometry(robot)}, {drive!r}, {couplings!r}, {layout!r}, {rows!r})"
+            f"({_geometry(robot)}, {self.terms!r}, {self.couplings!r}, "
+            f"{self.layout!r}, {self.torque_joints!r})"
         )
         content += "" if load is None else repr(load.tolist())
         content += repr(robot.transmissions) if len(robot) < len(robot.joints) else ""
-        digest = sha256(content.encode()).hexdigest()[:16]
-        freeze(self, fingerprint=digest)
+        return sha256(content.encode()).hexdigest()[:16]
 
     @property
     def column_terms(self) -> tuple[DriveTerm, ...]:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import BoolArray, Vector
 from consistent_id.errors import NotExcitedError, ProblemError
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.regression import Regression, compressed_pieces
 from consistent_id.regression.regressor import TorqueModel
 
@@ -53,7 +53,7 @@ def segment_regressions(
     NotExcitedError
         If there is too little to cut.
     """
-    recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    recordings = several(recordings)
     if count < 2:
         raise ProblemError(f"count is {count}, expected 2 segments or more")
     pieces = segments_of(recordings, count=count)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, frozen
+from consistent_id._support.given_values import require_type
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording, states
 from consistent_id.recordings.signals.filtered_rows import (
@@ -30,6 +31,7 @@ def predicted_torque(model: TorqueModel, x: Vector, recording: Recording) -> Arr
     ProblemError
         If the recording has no velocity or acceleration.
     """
+    require_type(recording, Recording, "recording")
     behind = recording.torque_filter
     if behind is not None:
         require_unchanged(recording)
@@ -103,6 +105,8 @@ def simulate_torque(
     >>> log.torque.shape, log.name
     ((200, 1), 'recording (simulated)')
     """
+    require_type(model, TorqueModel, "model")
+    require_type(motion, Recording, "motion")
     motion = motion.of(model.robot.joint_names)
     torque = replace(model, torque_joints=()).predict(parameters, *states(motion))
     shape = torque.shape[1:] if np.ndim(noise) else ()

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from consistent_id._support.files import write_atomically
+from consistent_id._support.given_values import require_type
 from consistent_id._support.run import kept_going
 from consistent_id.comparison.comparison import Comparison
 from consistent_id.diagnosis import Diagnosis
@@ -212,6 +213,7 @@ def write_report(
     >>> ci.write_report(study, Path(tempfile.mkdtemp(), "report.html")).name
     'report.html'
     """
+    require_type(study, Study, "study")
     html = report_html(
         study,
         uncertainty=uncertainty,

@@ -5,7 +5,7 @@ The same steps as `ContactDetector.step`, with a memory of fixed size.
 
 from collections.abc import Iterable
 from math import ceil
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -232,15 +232,56 @@ def detector_c(detector: DetectorValues, name: str, rate: float) -> Export:
     ProblemError
         If the rate is too low for the memory, or not a number.
     """
+    spread, n = detector.spread, len(detector.joints)
     newest, oldest = detector.memory
+    common = {
+        "name": identifier(name),
+        "n": n,
+        "most": _room(detector.memory, rate),
+        "in_a_row": detector.in_a_row,
+    }
+    tables = {
+        "coefficients": spread.coefficients,
+        "largest": spread.largest,
+        "levels": spread.levels,
+        "weights": spread.weights,
+    }
+    guard = identifier(name).upper()
+    header = _HEADER.format(guard=guard, width=6 * n, **common)
+    source = _SOURCE.format(
+        header=header,
+        width=6 * n,
+        tables="".join(_table(*item) for item in tables.items()),
+        velocity=int(spread.signals.velocity),
+        acceleration=int(spread.signals.acceleration),
+        expected=int(spread.signals.expected),
+        newest=repr(float(newest)),
+        oldest=repr(float(oldest)),
+        slack=repr(SLACK),
+        slow=repr(SLOW),
+        limit=repr(float(detector.limit)),
+        **common,
+    )
+    head = _head(detector, common)
+    return Export(
+        "c", (head + source).encode(), side=SideFile(".h", (head + header).encode())
+    )
+
+
+def _room(memory: tuple[float, float], rate: float) -> int:
+    """Return the most samples in the memory; refuse rates that are too low for it."""
+    newest, oldest = memory
     if not 1.0 / max(oldest - newest, 1e-9) < rate < np.inf:
         raise ProblemError(
             f"the rate is {rate} Hz, expected that of the robot's samples: more than "
             f"one in the {oldest - newest:g} s of the memory"
         )
-    name, spread, n = identifier(name), detector.spread, len(detector.joints)
-    used = spread.signals
-    names = [f" *   {k} {joint}" for k, joint in enumerate(detector.joints)]
+    return ceil(oldest * rate) + _SPARE
+
+
+def _head(detector: DetectorValues, common: dict[str, Any]) -> str:
+    """Return the comment at the top of both files: what the functions take."""
+    used = detector.spread.signals
     channels = [
         words
         for words, has in (
@@ -250,51 +291,14 @@ def detector_c(detector: DetectorValues, name: str, rate: float) -> Export:
         )
         if has
     ]
-    most = ceil(oldest * rate) + _SPARE
-    head = _HEAD.format(
-        n=n,
-        name=name,
+    names = [f" *   {k} {joint}" for k, joint in enumerate(detector.joints)]
+    return _HEAD.format(
         rate=detector.false_alarms,
         minutes=60.0 * detector.hours,
         joints="\n".join(names).replace("*/", "* /"),
         channels="".join(f", {c}" for c in channels) + "; others may be null",
-        most=most,
-        oldest=oldest,
-        in_a_row=detector.in_a_row,
-    )
-    tables = {
-        "coefficients": spread.coefficients,
-        "largest": spread.largest,
-        "levels": spread.levels,
-        "weights": spread.weights,
-    }
-    header = _HEADER.format(
-        guard=name.upper(),
-        name=name,
-        n=n,
-        most=most,
-        width=6 * n,
-        in_a_row=detector.in_a_row,
-    )
-    source = _SOURCE.format(
-        header=header,
-        name=name,
-        n=n,
-        most=most,
-        width=6 * n,
-        tables="".join(_table(*item) for item in tables.items()),
-        velocity=int(used.velocity),
-        acceleration=int(used.acceleration),
-        expected=int(used.expected),
-        newest=repr(float(newest)),
-        oldest=repr(float(oldest)),
-        slack=repr(SLACK),
-        slow=repr(SLOW),
-        in_a_row=detector.in_a_row,
-        limit=repr(float(detector.limit)),
-    )
-    return Export(
-        "c", (head + source).encode(), side=SideFile(".h", (head + header).encode())
+        oldest=detector.memory[1],
+        **common,
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, checked, freeze, frozen
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
@@ -77,6 +78,7 @@ class MomentumObserver:
     gain: float | Sequence[float] = GAIN
 
     def __post_init__(self) -> None:
+        require_type(self.control, ControlModel, "control")
         n = len(self.control.joints)
         gain = np.broadcast_to(self.gain, n) if np.ndim(self.gain) == 0 else self.gain
         gains = frozen(gain, (n,), "gains of the observer")

@@ -32,6 +32,8 @@ METHOD = "gains"
 LEAST_OFF = 0.02
 """Least relative error of a gain that is called off."""
 
+_OF_ITS_UNIT = 2.0  # most factor between a torque channel of N m and the torque
+
 
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,9 +74,14 @@ class GainCheck:
         return np.asarray(NORMAL * self.stated * self.factors.standard_errors)
 
     @property
+    def unstated(self) -> bool:
+        """Whether the stated gains are no gains; see `gains_unstated`."""
+        return gains_unstated(self.factors, self.stated)
+
+    @property
     def off(self) -> BoolArray:
-        """Whether each stated gain is off; see `gains_off`."""
-        return gains_off(self.factors)
+        """Whether each stated gain is off; see `gains_off`.  Not if none is stated."""
+        return np.asarray(gains_off(self.factors) & (not self.unstated))
 
     @property
     def unknown(self) -> BoolArray:
@@ -93,6 +100,8 @@ class GainCheck:
                     f"{100.0 * (self.factors.gains[place] - 1.0):+.1f}",
                     "off" if self.off[place] else "not off",
                 )
+            if self.unstated:
+                stated, found = "-", (*found[:2], "-", "-")
             rows.append((joint, stated, *found))
         header = ("joint", "stated", "gain", "95 % +-", "change, %", "stated gain is")
         notes = self.verdict.brief
@@ -190,7 +199,8 @@ def check_gains(
         accuracy=accuracy,
     )
     stated = [runs.stated_gains[joint] for joint in factors.joints]
-    verdict = weighed(METHOD, _reasons(factors), tuple(accepted), None, ())
+    reasons = _reasons(factors, np.array(stated))
+    verdict = weighed(METHOD, reasons, tuple(accepted), None, ())
     return GainCheck(factors, np.array(stated), verdict)
 
 
@@ -253,7 +263,17 @@ def gains_off(factors: DriveGains) -> BoolArray:
     return np.asarray(abs(factors.gains - 1.0) > np.maximum(half, LEAST_OFF))
 
 
-def _reasons(factors: DriveGains) -> Iterator[Reason]:
+def gains_unstated(factors: DriveGains, stated: Vector) -> bool:
+    """Return whether a log is in its drives' own unit, and no gains are stated.
+
+    The stated gains are one then, and none that is identified is near it.
+    """
+    known = factors.gains[np.array(factors.identified)]
+    far = abs(np.log(known)) > np.log(_OF_ITS_UNIT)
+    return bool((stated == 1.0).all() and len(known) and far.all())
+
+
+def _reasons(factors: DriveGains, stated: Vector) -> Iterator[Reason]:
     poor = [
         joint
         for joint, good in zip(factors.joints, factors.identified, strict=True)
@@ -271,7 +291,7 @@ def _reasons(factors: DriveGains) -> Iterator[Reason]:
             else "use a heavier known load, or motions that change these torques",
         )
     wrong = int(gains_off(factors).sum())
-    if wrong:
+    if wrong and not gains_unstated(factors, stated):
         yield Reason(
             "gains are off",
             "use",

@@ -1,5 +1,6 @@
 """The shell tool on a robot and a log; what it prints, to whom, and how it ends."""
 
+import ast
 import io
 import json
 import logging
@@ -384,8 +385,32 @@ def test_help_explains_verdicts_notes_and_reasons_about_loads(capsys):
     }.items():
         assert main(["help", topic]) == 0
         assert said in capsys.readouterr().out
-    # The page's other tables have kinds too, but no explanation of them.
-    assert main(["help", "outliers"]) == 2
+
+
+def test_help_explains_every_kind_of_finding(capsys):
+    package = Path(__file__).parents[2] / "consistent_id"
+    kinds = {"short", "small motion", "slow motion", "load"}
+    folders = (package / "diagnosis", package / "problems")
+    for file in (file for folder in folders for file in folder.rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            match node:
+                case ast.Call(
+                    func=ast.Name("LogFinding" | "Cause" | "_steps"), args=[kind, *_]
+                ):
+                    kinds |= said_in(kind)
+                case ast.Assign(targets=[ast.Name("kind")], value=kind):
+                    kinds |= said_in(kind)
+    assert {"outliers", "speed limit", "wrapped encoder", "lag"} <= kinds
+    for kind in sorted(kinds):
+        assert main(["help", kind]) == 0, kind
+        assert "\n  means: " in capsys.readouterr().out
+
+
+def said_in(node):
+    """The words in an expression that may be one of several."""
+    if isinstance(node, ast.IfExp):
+        return said_in(node.body) | said_in(node.orelse)
+    return {node.value} if isinstance(node, ast.Constant) else set()
 
 
 def test_help_prints_pages_and_the_help_of_commands(capsys):

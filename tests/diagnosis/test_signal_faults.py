@@ -49,18 +49,40 @@ def test_a_channel_that_stops_while_the_joint_moves_is_frozen(channel):
 
 
 def _cruising():
-    """A log whose second joint moves at one speed for 3 s of 20 s."""
+    """A log without noise whose second joint moves at one speed for 3 s of 20 s."""
     log = clean_log(0)
     velocity = log.velocity.copy()
     velocity[2000:2600, 1] = 0.5
     position = np.cumsum(velocity, axis=0) * np.diff(log.time)[0]
-    torque = log.torque.copy()
+    weights = np.hanning(100) / np.hanning(100).sum()
+    torque = np.column_stack(
+        [np.convolve(column, weights, "same") for column in log.torque.T]
+    )
     torque[2000:2600, 1] = 3.0
     return replace(log, position=position, velocity=velocity, torque=torque)
 
 
 def test_a_joint_at_one_speed_has_one_velocity_and_may_have_one_torque():
     assert frozen_findings(_cruising()) == []
+
+
+@pytest.mark.parametrize(
+    ("noise", "step", "kinds"),
+    [
+        (0.02, 0.0, ["frozen channel"]),
+        (0.02, 0.005, ["frozen channel"]),
+        (0.0, 0.005, []),  # the last digit flickers
+        (0.002, 0.005, []),
+    ],
+)
+def test_a_noisy_torque_is_not_constant_at_one_speed(noise, step, kinds):
+    log, rng = _cruising(), np.random.default_rng(0)
+    values = log.torque + noise * rng.normal(size=log.torque.shape)
+    if step:
+        values = np.round(values / step) * step
+    values[2000:2600, 1] = 3.0
+    found = frozen_findings(replace(log, torque=values))
+    assert [f.kind for f in found] == kinds
 
 
 @pytest.mark.parametrize("channel", ["torque", "velocity"])

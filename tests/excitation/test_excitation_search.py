@@ -156,6 +156,16 @@ def test_time_that_is_over_leaves_what_a_moment_found():
     assert largest(problem, found.variables).max() <= 1.0
 
 
+def test_searches_that_the_limit_ends_are_done_and_said_to_be_ended(capsys):
+    starts = [FoundPath(number) for number in range(2)]
+    lanes = Lanes(1, interrupted=bool, progress=True)
+    lanes.run(problem_of(), starts, 1e-6)
+    first, last = capsys.readouterr().err.splitlines()
+    assert first.startswith("0/2 starts [")
+    assert last.startswith("1/2 starts done (best D: ")
+    assert ", 1 ended by the limit or an interrupt) [" in last
+
+
 @pytest.mark.slow
 def test_every_improvement_is_reported():
     reports = []

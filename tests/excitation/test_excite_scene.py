@@ -4,6 +4,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -15,6 +16,7 @@ from consistent_id import ProblemError
 from consistent_id.cli import main
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.output import (
+    _proven_words,
     planned,
     playable_record,
     write_design,
@@ -120,6 +122,16 @@ def test_shapes_of_a_urdf_need_a_urdf(tmp_path):
     text = LEVER.replace('robot = "bodies"', 'robot = "urdf"')
     with pytest.raises(ProblemError, match=r"scene\]: robot = \"urdf\", but \[model\]"):
         planned(scene_problem(tmp_path, text))
+
+
+def test_only_what_is_proven_is_said_to_be():
+    whole = SimpleNamespace(unchecked=(), adjacent=0)
+    part = SimpleNamespace(unchecked=("hand",), adjacent=0)
+    assert [_proven_words(one) for one in (None, whole, part)] == [
+        "limits proven for all times",
+        "limits and clearances proven for all times",
+        "limits, and clearances of the bodies that are checked, proven for all times",
+    ]
 
 
 def test_a_start_pose_in_an_obstacle_is_refused_before_any_search(tmp_path):

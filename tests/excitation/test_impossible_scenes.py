@@ -9,7 +9,7 @@ from consistent_id import InfeasibleError
 from consistent_id.excitation import clear_poses
 from consistent_id.excitation.clear_poses import (
     cleared,
-    require_clear_pose,
+    poses_apart,
     worst_excess,
 )
 from consistent_id.excitation.verification import demands
@@ -55,7 +55,7 @@ def _ring(gap):
 def test_no_clear_pose_is_refused_with_the_bodies_and_the_pose():
     required = _demands(*_ring(0.0))
     with pytest.raises(InfeasibleError, match="no pose was found") as caught:
-        require_clear_pose(required)
+        clear_poses.clear_poses(required)
     said = str(caught.value)
     assert "'upper'" in said and "'post" in said and "20.0 mm" in said
     pose = [float(found) for found in re.findall(r"joint\d = (-?[\d.]+)", said)]
@@ -73,7 +73,8 @@ def test_no_clear_pose_is_refused_with_the_bodies_and_the_pose():
 def test_a_pose_is_found_in_a_narrow_gap():
     """Only where the upper arm points into the gap: 4 % of the shoulder's range."""
     required = _demands(*_ring(0.28))
-    require_clear_pose(required)
+    found = poses_apart(required, required.scene)
+    assert nearest(required.scene, found).slack.min() >= 0.0
     guards = [guard for guard in required.guards if guard.keeps_apart]
     low, high = required.limits.lower, required.limits.upper
     rng = np.random.default_rng(3)
@@ -86,7 +87,8 @@ def test_a_pose_is_found_in_a_narrow_gap():
 
 
 def test_one_post_beside_the_arm_is_no_obstacle():
-    require_clear_pose(_demands(_post(0.0, 0.6, 0.05)))
+    required = _demands(_post(0.0, 0.6, 0.05))
+    assert len(poses_apart(required, required.scene)) > 50
 
 
 def test_a_pose_that_no_step_betters_is_given_up(monkeypatch):
@@ -103,21 +105,29 @@ def test_a_pose_that_no_step_betters_is_given_up(monkeypatch):
     assert pose == 0.0 and len(looked) == 1 + clear_poses._STALLED < clear_poses._STEPS
 
 
-@pytest.mark.parametrize(
-    ("obstacles", "looked"), [([], 0), ([_post(0.0, 0.6, 0.05)], 0), (_ring(0.0), 1)]
-)
-def test_bodies_alone_are_only_measured_where_no_clear_pose_is_known(
-    obstacles, looked, monkeypatch
+@pytest.mark.parametrize("obstacles", [[], [_post(0.0, 0.6, 0.05)]])
+def test_bodies_alone_are_not_searched_for_where_clear_poses_are_known(
+    obstacles, monkeypatch
 ):
-    required, called = _demands(*obstacles), []
-    monkeypatch.setattr(
-        clear_poses, "require_clear_pose", lambda *of: called.append(of)
-    )
+    monkeypatch.setattr(clear_poses, "poses_apart", None)
+    required = _demands(*obstacles)
     poses = clear_poses.clear_poses(required)
-    assert len(called) == looked
-    assert (poses is None) == (not obstacles or looked == 1)
+    assert (poses is None) == (not obstacles)
     if poses is not None:
         assert worst_excess(poses, required.guards).max() <= 0.0
+
+
+def test_a_scene_is_refused_before_its_torque_is_searched(monkeypatch):
+    required, moved = _demands(*_ring(0.0)), []
+
+    def seen(poses, worst, guards, *others):
+        moved.append([guard.keeps_apart for guard in guards])
+        return cleared(poses, worst, guards, *others)
+
+    monkeypatch.setattr(clear_poses, "cleared", seen)
+    with pytest.raises(InfeasibleError, match="no pose was found"):
+        clear_poses.clear_poses(required)
+    assert moved == [[True]]
 
 
 def test_the_work_of_poses_is_counted():

@@ -210,3 +210,7 @@ def test_a_limit_that_is_short_for_the_robot_is_said_before_the_search(caplog):
     assert said.startswith("with 3 joints and 4000 pairs of bodies, a step of the sear")
     enough = min(60.0 * step + draw, 60.0 * step / 0.8)
     assert f"--time-limit {enough:.0f} finds a better motion" in said
+    caplog.clear()
+    _warn_if_short([problem()], 1e-9, few)
+    (said,) = caplog.messages
+    assert "random paths" not in said  # without bodies they take no time

@@ -5,7 +5,6 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from some_fast import some_fast
 
 from consistent_id import draft_problem
 from consistent_id.diagnosis import Diagnosis, LogFinding
@@ -14,18 +13,42 @@ from consistent_id.problems.log_check import check_problem
 from tests.problems.test_drafts_of_commands import GAINS, commanded_logs
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("late", some_fast([6, 0]))
-def test_late_commands_are_to_be_given_their_delay(tmp_path, late):
-    urdf, (log,) = commanded_logs(tmp_path, 1.0)
+def commanded_problem(folder, late, delay=0.0):
+    """The problem of a log whose commands are `late` rows of 10 ms later than actual.
+
+    Torque is computed with a stated delay [s].
+    """
+    urdf, (log,) = commanded_logs(folder, 1.0)
     head, *_ = log.read_text().splitlines()
     rows = np.loadtxt(log, delimiter=",", skiprows=1, max_rows=1500)
-    rows[late:, 3:] = rows[: len(rows) - late, 3:]  # commands, by 60 ms
+    rows[:, 3:] = rows[np.clip(np.arange(len(rows)) - late, 0, len(rows) - 1), 3:]
     np.savetxt(log, rows, "%.9g", ",", header=head, comments="")
     problem = draft_problem(urdf, log, gains=GAINS, select=False, cutoff=10.0).problem()
-    lags = check_problem(problem).of("lag")
-    assert bool(lags) == bool(late)
-    assert all("[data.gains]" in f.advice for f in lags)
+    change, data = msgspec.structs.replace, problem.table.data
+    data = change(data, gains=change(data.gains, delay=delay))
+    return replace(problem, table=change(problem.table, data=data))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("late", "delay", "said"),
+    [
+        (-6, 0.0, "state their delay in [data.gains]"),
+        (6, 0.0, "logged later than they acted"),
+        (-6, 0.02, "is 20 ms already"),
+        (6, 0.02, "is 20 ms: it is too long"),
+    ],
+)
+def test_a_lag_of_commands_is_answered_with_what_undoes_it(tmp_path, late, delay, said):
+    lags = check_problem(commanded_problem(tmp_path, late, delay)).of("lag")
+    assert lags
+    assert all(said in f.advice for f in lags)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("late", "delay"), [(0, 0.0), (-6, 0.06)])
+def test_commands_with_their_delay_have_no_lag(tmp_path, late, delay):
+    assert not check_problem(commanded_problem(tmp_path, late, delay)).of("lag")
 
 
 EFFECTS = ("clock", "masses or gain", "offset zero", "gravity")

@@ -99,6 +99,16 @@ def test_rests_count_if_friction_there_changes_the_estimate(tmp_path):
 
 
 @pytest.mark.slow
+def test_rests_of_a_log_that_is_not_certain_stay_a_warning(tmp_path, monkeypatch):
+    """Such as that of two logs of one name, at the same times."""
+    unknown = "consistent_id.problems.weighed_findings._logged_as"
+    monkeypatch.setattr(unknown, lambda problem, log: None)
+    found = from_pose_to_pose(tmp_path, 0.0)
+    learnt, _ = [f for f in found.findings if f.kind == "standstill"]
+    assert learnt.severity == "warning"
+
+
+@pytest.mark.slow
 def test_one_outlier_among_noise_is_a_note(tmp_path):
     one = study(tmp_path, outlier(25.0, TRAINED))
     assert severities(one.diagnosis.findings, "outliers") == {"warning"}

@@ -13,7 +13,12 @@ from consistent_id import ModelError, ProblemError, RecordingError, draft_proble
 from consistent_id.cli import main
 from consistent_id.problems.file import GainsTable
 from consistent_id.service import check_gains, weigh_load
-from consistent_id.service.gain_check import gains_off, problem_gains
+from consistent_id.service.gain_check import (
+    GainCheck,
+    _reasons,
+    gains_off,
+    problem_gains,
+)
 
 GAINS = np.array([12.0, 11.0, 9.0, 7.0])  # N m/A, of the simulated drives
 STATED = [12.0, 10.0, 10.0, 7.0]
@@ -62,6 +67,19 @@ def test_the_table_states_what_the_problem_file_needs(found):
         (line,) = [note for note in table.notes if option in note]
         shown = [float(word) for word in line.split(option)[1].split()]
         np.testing.assert_allclose(shown, values, rtol=0.06)  # two digits
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.1])
+def test_gains_are_not_off_where_none_is_stated(found, scale):
+    """A log in amperes is read with `--torque-gain 1`; one in N m may be, too."""
+    near = scale * GAINS
+    factors = replace(found.factors, gains=near, covariance=1e-6 * np.eye(len(near)))
+    check = GainCheck(factors, np.ones(len(near)), found.verdict)
+    unstated = {(row[1], *row[4:]) for row in check.table().rows} == {("-", "-", "-")}
+    assert check.unstated == unstated == (scale == 1.0)
+    assert check.off.any() != unstated
+    kinds = [reason.kind for reason in _reasons(factors, check.stated)]
+    assert ("gains are off" in kinds) != unstated
 
 
 @pytest.mark.slow

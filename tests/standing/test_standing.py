@@ -286,7 +286,11 @@ def test_the_command_writes_what_can_be_played(tmp_path, capsys):
         str(tmp_path / "out"),
     ]
     assert main([*words, "--stance", *pose]) == 0
-    assert "between them nothing is" in " ".join(capsys.readouterr().out.split())
+    printed = capsys.readouterr()
+    assert "between them nothing is" in " ".join(printed.out.split())
+    first, last = [line for line in printed.err.splitlines() if "paths" in line]
+    assert first.startswith("0/16 paths [")
+    assert last.startswith("16/16 paths done (least relative error: ")
     record = json.loads((tmp_path / "out" / "standing.json").read_text())
     assert record["feet"] == list(FEET)
     played = ci.motion.read_trajectory(tmp_path / "out" / "standing.yaml")

@@ -20,6 +20,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.executors import Executor, single_threaded, worker_threads
+from consistent_id._support.given_values import require_type, require_types
 from consistent_id._support.progress import counted
 from consistent_id._support.run import note_stop
 from consistent_id._support.tables import brief
@@ -302,6 +303,8 @@ def uncertainty(
     >>> sure["joint1.viscous"].standard_error < 0.05
     True
     """
+    require_type(model, TorqueModel, "model")
+    require_types(segments, Regression, "segments")
     base = base_parameters(model) if base is None else base
     sources = [0] * len(segments) if sources is None else list(sources)
     parts, whole = Segments(segments, sources), merged(segments)

@@ -31,6 +31,7 @@ from consistent_id.excitation.request import design_request
 from consistent_id.excitation.search_problem import search_problem
 from consistent_id.laboratory.rehearsal.planted import (
     PlantedRobot,
+    Rehearsed,
     as_rehearsed,
     planted_robot,
 )
@@ -199,6 +200,24 @@ def _kept(share: float) -> str:
     return "yes" if share <= 1.0 + _KEPT else "no"
 
 
+def _rehearsed(problem: Problem, aim: Aim, parameters: ArrayLike | None) -> Rehearsed:
+    """Return the model that is rehearsed; refuse what no motion alone identifies."""
+    if aim.others == "known":
+        raise ProblemError(
+            "others = 'known' is of a load on a known robot, but a rehearsal "
+            "identifies robots from the motion alone; leave it out"
+        )
+    given = None if parameters is None else np.atleast_2d(np.asarray(parameters, float))
+    rehearsed = as_rehearsed(problem.model, tuple(aim.interest), given)
+    robot = rehearsed.model.robot
+    if robot.nominal is None:
+        raise ModelError(
+            f"robot {robot.name!r}: some links have no nominal inertia, so that no "
+            "robot like it can be planted; give the file inertias, or an estimate"
+        )
+    return rehearsed
+
+
 def dry_run(
     problem: Problem,
     *,
@@ -248,19 +267,8 @@ def dry_run(
     if robots < 1:
         raise ProblemError(f"robots is {robots}, expected 1 or more")
     request, where = design_request(problem), Executor.chosen(executor)
-    if request.aim.others == "known":
-        raise ProblemError(
-            "others = 'known' is of a load on a known robot, but a rehearsal "
-            "identifies robots from the motion alone; leave it out"
-        )
-    given = None if parameters is None else np.atleast_2d(np.asarray(parameters, float))
-    rehearsed = as_rehearsed(problem.model, tuple(request.aim.interest), given)
+    rehearsed = _rehearsed(problem, request.aim, parameters)
     model = rehearsed.model
-    if model.robot.nominal is None:
-        raise ModelError(
-            f"robot {model.robot.name!r}: some links have no nominal inertia, so that "
-            "no robot like it can be planted; give the file inertias, or an estimate"
-        )
     aim = replace(request.aim, interest=rehearsed.interest)
     aim = _with_noise(aim, model, request.limits)
 
@@ -281,14 +289,8 @@ def dry_run(
         paths |= _stages(rival, other) | _simple_motions(design, aim, seed)
     known = None if rehearsed.parameters is None else rehearsed.parameters[0]
     planted = [
-        planted_robot(
-            model.robot,
-            request.limits,
-            np.random.default_rng((seed, k)),
-            currents,
-            known,
-        )
-        for k in range(robots)
+        planted_robot(model.robot, request.limits, rng, currents, known)
+        for rng in (np.random.default_rng((seed, k)) for k in range(robots))
     ]
     motions = _predicted(design, paths)
     rehearsals = played_by_all(

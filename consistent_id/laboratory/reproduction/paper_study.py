@@ -3,7 +3,7 @@
 Exciting motions stand beside the paper's, equally long, in two ways that are fair.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -214,10 +214,9 @@ def reproduce(
     with_friction = {
         name: perform_experiments(problem, inertial, own) for name, own in along.items()
     }
-    last = [name for name in along if name != REPEATED][-1]
     smooth = {
         name: perform_experiments(problem, inertial, along[name], friction=False)
-        for name in dict.fromkeys((TASKS, last))
+        for name in _without_friction(along)
     }
     others = other_seeds(problem, inertial, motions, extent.seeds)
     progress("where errors come from")
@@ -250,6 +249,12 @@ def reproduce(
         ),
         place=place,
     )
+
+
+def _without_friction(along: Iterable[str]) -> Iterable[str]:
+    """Return the motions that are also done without friction: tasks, and the last."""
+    *_, last = (name for name in along if name != REPEATED)
+    return dict.fromkeys((TASKS, last))
 
 
 def _require(problem: Problem, extent: Extent, seed: int) -> LaboratoryTable:

@@ -162,17 +162,8 @@ def scene_from_urdf(
     bodies = [body for body in shapes.bodies if _has(robot, body)]
     if shapes.unread and not (readable_only and bodies):
         raise shapes.unread[0].cause
-    if not shapes.bodies:
-        raise ModelError(
-            f"{path}: no link has a shape, expected <{elements}> elements; "
-            "build the scene by hand (build_scene), or design without a scene"
-        )
     if not bodies:
-        raise ModelError(
-            f"{path}: {len(shapes.bodies)} shapes, none of a link of robot "
-            f"{robot.name!r}; load the robot from the same file, or build the scene by "
-            "hand"
-        )
+        raise _without_bodies(path, robot, len(shapes.bodies), elements)
     tree = file_tree(shapes.root)
     others = [body for body in shapes.bodies if not _has(robot, body)]
     hanging = hanging_bodies(tree, robot, others)
@@ -215,6 +206,21 @@ def scene_from_urdf(
     dropped = (*unread, *shapes.bare, *hanging.lost, *at_large)
     swept = tuple(name for name in swept if name not in touching)
     return replace(scene, dropped=dropped, swept=swept)
+
+
+def _without_bodies(
+    path: Path, robot: RobotModel, shapes: int, elements: Elements
+) -> ModelError:
+    """Return the error of a file without shapes of a robot's links."""
+    if not shapes:
+        return ModelError(
+            f"{path}: no link has a shape, expected <{elements}> elements; "
+            "build the scene by hand (build_scene), or design without a scene"
+        )
+    return ModelError(
+        f"{path}: {shapes} shapes, none of a link of robot {robot.name!r}; load the "
+        "robot from the same file, or build the scene by hand"
+    )
 
 
 def random_poses(robot: RobotModel, poses: int, seed: int) -> Array:

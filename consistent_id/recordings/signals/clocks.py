@@ -10,6 +10,7 @@ from typing import TypedDict
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.given_values import require_type
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion, ContactFlags, Wrench
 from consistent_id.recordings.recording import COMMANDS, Recording, instant
@@ -53,6 +54,7 @@ def resampled(
     >>> ci.resampled(log, 125.0).rate
     125.0
     """
+    require_type(recording, Recording, "recording")
     time = recording.time
     steps = np.diff(time)
     require_rate(recording.name, rate, recording.rate, own_rate(recording), upwards)

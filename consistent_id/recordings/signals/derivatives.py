@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.given_values import require_type
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
@@ -41,6 +42,7 @@ def differentiated(recording: Recording) -> Recording:
     >>> bool(abs(differentiated.velocity[:, 0] - np.cos(time)).max() < 1e-3)
     True
     """
+    require_type(recording, Recording, "recording")
     return altered(recording, _differentiated)
 
 

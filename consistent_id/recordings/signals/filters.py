@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix
+from consistent_id._support.given_values import require_type
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion
 from consistent_id.recordings.recording import Recording
@@ -75,6 +76,7 @@ def low_passed(
     >>> bool(abs(smooth.position - log.position)[50:150].max() < 1e-3)
     True
     """
+    require_type(recording, Recording, "recording")
     behind = recording.torque_filter
     rate = uniform_rate(recording if behind is None else behind.source)
     if not isinstance(order, int) or order < 1:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import IntArray
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import NotExcitedError, RecordingError
 from consistent_id.recordings.recording import Recording
@@ -36,6 +37,7 @@ def trimmed(
     >>> ci.trimmed(log, 0.5, 1.0).duration
     0.5
     """
+    require_type(recording, Recording, "recording")
     if np.isnan(start) or np.isnan(stop):
         raise RecordingError(f"{recording.name}: trimmed from {start} s to {stop} s")
     first, last = np.searchsorted(recording.time, [start, np.nextafter(stop, np.inf)])
