@@ -472,7 +472,8 @@ def _faulty(
     options = OMIT_MISSING * lacking
     if advice and not lacking and (1 not in broken or first.endswith(_OF_SI)):
         options = f"--omit {','.join(map(str, broken))}"
-    return FaultyRowsError(first, f"{advice}{MISSING_ADVICE * lacking}", options)
+    said = f"{advice}{MISSING_ADVICE * lacking}"
+    return FaultyRowsError(first, said, options, every=len(broken) == rows)
 
 
 def _miscounted(fields: Sequence[str], header: _CsvHeader) -> str:

@@ -46,11 +46,15 @@ class FaultyRowsError(RecordingError):
     ----------
     said : str
         The first fault, without advice.
+    every : bool
+        Whether no row can be read.
     """
 
-    def __init__(self, said: str, advice: str, options: str = "") -> None:
+    def __init__(
+        self, said: str, advice: str, options: str = "", *, every: bool = False
+    ) -> None:
         super().__init__(said + advice, options=options)
-        self.said = said
+        self.said, self.every = said, every
 
 
 class UsedRows(NamedTuple):
