@@ -15,7 +15,8 @@ from consistent_id.robot.loaders.robot_file import load_robot
 from consistent_id.rollout import ServoLog, identify_servos, read_servo_logs
 from consistent_id.rollout import servo_fit as fitting
 from consistent_id.rollout.servo_bounds import box_of, duty_law
-from consistent_id.rollout.servo_log import logged_joints, read_servo_sets
+from consistent_id.rollout.servo_columns import logged_joints
+from consistent_id.rollout.servo_log import read_servo_sets
 from consistent_id.rollout.servo_motion import (
     STEP,
     LoggedDrive,
