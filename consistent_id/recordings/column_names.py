@@ -263,6 +263,7 @@ def _name_patterns(
     joints: tuple[str, ...],
     all_joints: tuple[str, ...],
 ) -> tuple[NamePattern, ...]:
+    """Return the patterns that are of a channel, or only by their unit; best first."""
     observed = states(names)
 
     def fits(text: str) -> bool:
@@ -272,30 +273,12 @@ def _name_patterns(
             return is_force(text) and not channel_of(text)
         return channel_of(text, observed) == channel
 
-    found: dict[str, NamePattern] = {}
-    known = frozenset(names)
-    runs = numbered_columns(names)
-    numbered = {run.name(place) for run in runs for place in range(len(run))}
-    for same in repeated_columns(names):
-        for every in (joints, all_joints):
-            if len(same) == len(every) and same[0] not in numbered:
-                each = ",".join(same[every.index(joint)] for joint in joints)
-                found.setdefault(each, NamePattern(f"{{{each}}}", joints))
-    for name in names:
-        for pattern in _pattern_by_name(name, known, joints):
-            found.setdefault(pattern.text, pattern)
-    for pattern in _of_several_units(list(found.values()), joints):
-        found.setdefault(pattern.text, pattern)
-    for run in runs:
-        for every in (joints, all_joints):
-            if len(run) == len(every):
-                pattern = _pattern_by_number(run, joints, every)
-                found.setdefault(pattern.text, pattern)
-    fitting = [p for p in found.values() if fits(p.text)]
+    found = _every_pattern(names, joints, all_joints)
+    fitting = [p for p in found if fits(p.text)]
     if not fitting and channel == "position":
-        fitting = [p for p in found.values() if is_bare(p.text)]
+        fitting = [p for p in found if is_bare(p.text)]
     if not fitting:
-        fitting = [p for p in found.values() if says_unit_of(channel, p.text)]
+        fitting = [p for p in found if says_unit_of(channel, p.text)]
     if not fitting and len(own_names(names, channel)) != max(len(joints), 2):
         fitting = [
             NamePattern(name, tuple(joints), is_array=True)
@@ -315,6 +298,33 @@ def _name_patterns(
             ),
         )
     )
+
+
+@lru_cache(maxsize=4)
+def _every_pattern(
+    names: tuple[str, ...], joints: tuple[str, ...], all_joints: tuple[str, ...]
+) -> tuple[NamePattern, ...]:
+    """Return all patterns of columns, one for each joint, whatever their meaning."""
+    found: dict[str, NamePattern] = {}
+    known = frozenset(names)
+    runs = numbered_columns(names)
+    numbered = {run.name(place) for run in runs for place in range(len(run))}
+    for same in repeated_columns(names):
+        for every in (joints, all_joints):
+            if len(same) == len(every) and same[0] not in numbered:
+                each = ",".join(same[every.index(joint)] for joint in joints)
+                found.setdefault(each, NamePattern(f"{{{each}}}", joints))
+    for name in names:
+        for pattern in _pattern_by_name(name, known, joints):
+            found.setdefault(pattern.text, pattern)
+    for pattern in _of_several_units(list(found.values()), joints):
+        found.setdefault(pattern.text, pattern)
+    for run in runs:
+        for every in (joints, all_joints):
+            if len(run) == len(every):
+                pattern = _pattern_by_number(run, joints, every)
+                found.setdefault(pattern.text, pattern)
+    return tuple(found.values())
 
 
 def columns_of_pattern(pattern: NamePattern) -> list[str]:

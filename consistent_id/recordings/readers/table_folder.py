@@ -25,7 +25,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_words import channel_of
 from consistent_id.recordings.log_formats import log_format, tables_in
 from consistent_id.recordings.readers.columns import require
-from consistent_id.recordings.readers.csv import lacks_names
+from consistent_id.recordings.readers.csv_header import lacks_names
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.units import named_clocks
 from consistent_id.recordings.readers.used_rows import EmptyTableError, FaultyRowsError
