@@ -361,9 +361,10 @@ def _for_each(
     runs = [run for run in numbered_columns(names) if len(run) == len(joints)]
     found = {run.pattern: (str(run), run.option(channel)) for run in runs}
     known = frozenset(names)
+    of_runs = [{run.name(place) for place in range(len(run))} for run in runs]
     for text in dict.fromkeys(with_joint(name, joints) for name in names):
         each = {text.replace("{joint}", joint) for joint in joints}
-        if text not in known and each <= known:
+        if text not in known and each <= known and each not in of_runs:
             found[text] = text, f"--{channel} {shlex.quote(text)}"
     of_it = (text for text in found if fits(text) and doubt(channel, text) < _DOUBTFUL)
     return dict(found[text] for text in of_it)

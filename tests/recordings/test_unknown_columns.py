@@ -7,7 +7,7 @@ from scipy.io import savemat
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import guess_columns
-from consistent_id.recordings.column_proposals import KnownColumns
+from consistent_id.recordings.column_proposals import KnownColumns, of_unit
 from consistent_id.recordings.column_words import is_bare
 from consistent_id.recordings.readers import Columns, csv, read_recording
 from consistent_id.recordings.unknown_columns import joints_of_wide
@@ -291,3 +291,12 @@ def test_a_file_without_columns_is_no_log(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     with pytest.raises(RecordingError, match="no column or array of numbers"):
         columns_of(tmp_path / name)
+
+
+def test_columns_with_names_of_numbered_joints_are_proposed_once():
+    """They were two proposals, `brakejoint_{1..2}` and `brake{joint}`, so none."""
+    joints = ("joint_1", "joint_2")
+    names = ["t", *joints, "brakejoint_1_Nm", "brakejoint_2_Nm"]
+    found = of_unit("torque", names, joints)
+    option = "--torque 'brakejoint_{number}_Nm'"
+    assert found == {"brakejoint_{1..2}_Nm": option}
