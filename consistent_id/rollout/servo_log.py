@@ -325,7 +325,8 @@ def _read(
     """Return the roles' arrays, each shape (samples, joints); of time (samples,)."""
     found = role_columns(file, joints, stated)
     wanted = list(dict.fromkeys(name for given in found.values() for name in given))
-    arrays = read_parts(reader_of(file), file, wanted, UsedRows())
+    rows = UsedRows(missing="omit")  # an empty cell is a value that is not known
+    arrays = read_parts(reader_of(file), file, wanted, rows)
     samples = max(arrays[found["time"][0]].shape, default=0)
     vectors = {
         name: _vector(arrays[name], samples, f"{file}: {name}") for name in wanted

@@ -362,6 +362,21 @@ def test_missing_values_are_neither_zero_duty_nor_a_motor_that_is_off(tmp_path):
     assert read_servo_logs([path], ("j",))[0].duty is None
 
 
+@pytest.mark.parametrize("nothing", ["", "nan", "NA"])
+def test_empty_cells_of_a_text_are_values_that_are_not_known(tmp_path, nothing):
+    """The message proposed `--missing omit`, which the command does not have."""
+    rows = [
+        f"{0.02 * k:.2f},{np.sin(k / 9):.4f},{np.sin(k / 9):.4f},7" for k in range(90)
+    ]
+    rows[4:40] = [row.removesuffix("7") + nothing for row in rows[4:40]]
+    rows[50] = f"1.0,{nothing},0.2,7"
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(["time,position,goal,voltage", *rows]))
+    (log,) = read_servo_logs([file], ("servo",))
+    assert len(log.time) == 89  # without the row that has no position
+    assert log.volts == 7.0
+
+
 def test_a_column_is_of_the_longest_joint_that_it_names_and_of_no_other(tmp_path):
     columns = {"wrist_roll.pos": 1.0, "wrist_roll.cmd": 2.0}
     columns |= {"wrist.pos": 3.0, "wrist.cmd": 4.0}
