@@ -132,7 +132,8 @@ def _of_arrays(
             continue
         rows = array if len(array) == samples else array.T
         width = rows.shape[1]
-        begin = int(clock == f"{name}[0:1]" or is_clock(rows[:, 0]))
+        begins = clock == f"{name}[0:1]" or is_clock(rows[:, 0])
+        begin = int(begins and (width - 1) % joints == 0)
         if (width - begin) % joints:
             continue
         for first in range(begin, width, joints):

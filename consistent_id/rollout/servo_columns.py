@@ -7,6 +7,7 @@ from pathlib import Path
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_words import words
 from consistent_id.recordings.readers.recording_file import column_names
+from consistent_id.recordings.readers.units import named_clocks
 
 _GOAL = {"goal", "target", "command", "commanded", "cmd", "action", "desired"}
 _GOAL |= {"reference", "ref", "setpoint"}
@@ -82,7 +83,7 @@ def _found(role: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:
     """Return a column for each joint, or one for all; none if there are none."""
     fitting = [name for name in names if _fits(role, words(name))]
     if role == "time":
-        return fitting[:1]
+        return (named_clocks(names) or fitting)[:1]
     own = [_columns_of(joint, fitting, joints) for joint in joints]
     if len(joints) == 1:
         return (own[0] or fitting)[:1]

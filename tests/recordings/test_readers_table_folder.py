@@ -308,7 +308,8 @@ def test_channels_in_tables_of_the_same_columns_are_one_recording(tmp_path):
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        (["README.md", "a.npz", "b.npz"], "give the logs of a.npz, b.npz one by one"),
+        (["README.md", "a.npz", "b.npz"], "give the logs a.npz, b.npz one by one"),
+        (["README.md", "a.csv"], "give a.csv in place of the folder"),
         (["README.md", "config.yaml"], "there is no log in it"),
         ([], "there is no log in it"),
     ],

@@ -300,3 +300,11 @@ def test_columns_with_names_of_numbered_joints_are_proposed_once():
     found = of_unit("torque", names, joints)
     option = "--torque 'brakejoint_{number}_Nm'"
     assert found == {"brakejoint_{1..2}_Nm": option}
+
+
+def test_an_array_whose_first_joint_moves_evenly_is_no_table_with_a_clock(tmp_path):
+    path = tmp_path / "log.npz"
+    q, dq = Q.copy(), DQ.copy()
+    q[:, 0], dq[:, 0] = 0.3 * TIME, 0.3
+    np.savez(path, t=TIME, x=q, y=dq, z=TAU)
+    assert options_of(path) == "--position x --velocity y --torque z"

@@ -377,6 +377,18 @@ def test_empty_cells_of_a_text_are_values_that_are_not_known(tmp_path, nothing):
     assert log.volts == 7.0
 
 
+def test_the_time_of_a_servo_is_the_column_that_is_named_so(tmp_path):
+    """The first column with the word was taken, such as a limit."""
+    ramp = np.linspace(0.0, 0.5, 30)
+    columns = {"time_limit": 9.0 + 0.0 * ramp, "q": ramp, "cmd": ramp}
+    path = table_log(tmp_path / "a.csv", columns)
+    lines = path.read_text().splitlines()
+    rows = [line.split(",") for line in lines]
+    path.write_text("\n".join(",".join([*row[1:], row[0]]) for row in rows))
+    (log,) = read_servo_logs([path], ("j",))
+    assert np.ptp(log.time) > 0.0
+
+
 def test_a_column_is_of_the_longest_joint_that_it_names_and_of_no_other(tmp_path):
     columns = {"wrist_roll.pos": 1.0, "wrist_roll.cmd": 2.0}
     columns |= {"wrist.pos": 3.0, "wrist.cmd": 4.0}
