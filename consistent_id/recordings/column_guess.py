@@ -17,7 +17,9 @@ import numpy as np
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.channel_clocks import require_one_clock
 from consistent_id.recordings.column_names import (
+    DOUBTFUL,
     NamePattern,
+    doubt,
     shown,
 )
 from consistent_id.recordings.column_proposals import (
@@ -173,7 +175,8 @@ def _choice_notes(
         notes.append(f"{channel} is read from {best.text}: {', '.join(each)}")
     if len(each_name := listed_names(best.text)) > 1:
         notes.append(f"{channel} is read from {', '.join(each_name)}")
-    if is_bare(best.text) or says_unit_of(channel, best.text):
+    is_doubtful = doubt(channel, best.text) >= DOUBTFUL
+    if is_doubtful or is_bare(best.text) or says_unit_of(channel, best.text):
         notes.append(f"{best.text} is taken as the {channel}: no other column is")
     if also := rivals(best, others):
         notes.append(f"{channel} is read from {best.text}, not from {also}")

@@ -224,12 +224,16 @@ class NamePattern:
 
 _OF_A_JOINT = {"measured", "meas", "msr", "mes", "actual", "act", "real", "ist"}
 _OF_A_JOINT |= {"feedback", "fb", "fbk"}
-_DOUBTFUL = set(
+_ANOTHER = set(
     "sim simulated model nominal ff feedforward set rated max min est estimated "
     "offset bias friction prev output".split()
 )
 _OF_A_MOTOR = {"motor", "rotor"}  # before the gear
 _OF_JOINTS = {"joint", "joints", "jnt", "state", "states"}  # and of no other body
+
+
+DOUBTFUL = 2
+"""Rank of a pattern of something else, such as a simulation."""
 
 
 def doubt(channel: str, pattern: str) -> int:
@@ -242,7 +246,7 @@ def doubt(channel: str, pattern: str) -> int:
     """
     said = words(pattern)
     moved = channel != "torque" and said & _OF_A_MOTOR
-    return 2 if moved or said & _DOUBTFUL else 0 if said & _OF_A_JOINT else 1
+    return DOUBTFUL if moved or said & _ANOTHER else 0 if said & _OF_A_JOINT else 1
 
 
 def name_patterns(

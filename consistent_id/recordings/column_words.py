@@ -36,7 +36,8 @@ _COMMANDS |= {"aspos"}  # KUKA
 _COMMANDED |= {"d"}
 _OTHER = {"error", "err", "limit", "action", "ext", "external", "computed", "residual"}
 _OTHER |= {"ddot", "acc", "accel", "acceleration", "accelerations", "jerk", "std"}
-_OTHER |= {"gravity", "coriolis", "temperature", "voltage"}
+_OTHER |= {"gravity", "coriolis", "temperature", "temp", "temps", "voltage", "volts"}
+_OTHER |= {"status", "mode"}
 _OTHER |= {"tcp", "tip", "ee", "eef", "cartesian"}  # the pose and wrench of a tool
 _RATE = {"dot"}  # of a position: its velocity
 _STATE = {"observation", "state"}  # LeRobot
@@ -194,6 +195,17 @@ def says_nothing(pattern: str) -> bool:
     return not (known or _fitting(frozenset(said)) or is_bare(pattern))
 
 
+def is_of_another(pattern: str) -> bool:
+    """Return whether a word says that a pattern is no measured channel of a joint.
+
+    Examples
+    --------
+    >>> is_of_another("limit_{joint}_deg"), is_of_another("{joint}_deg")
+    (True, False)
+    """
+    return bool(words(pattern) & (_OTHER | _COMMANDED | _COMMANDS))
+
+
 def says_unit_of(channel: str, pattern: str) -> bool:
     """Return whether a pattern is a joint's name or number and a unit of the channel.
 
@@ -222,6 +234,21 @@ def may_be_of_unit(channel: str, pattern: str) -> bool:
     """
     rest = before_unit_of(channel, pattern)
     return rest is not None and says_nothing(rest)
+
+
+def may_be_effort(pattern: str) -> bool:
+    """Return whether no word and no unit of a pattern says that it is no torque.
+
+    Examples
+    --------
+    >>> may_be_effort("load_{number}"), may_be_effort("fan_{number}_rpm")
+    (True, False)
+    >>> may_be_effort("motor_{number}_pos")
+    False
+    """
+    if any(before_unit_of(c, pattern) is not None for c in ("position", "velocity")):
+        return False
+    return says_nothing(pattern) or channel_of(pattern) == "torque"
 
 
 def before_unit_of(channel: str, name: str) -> str | None:

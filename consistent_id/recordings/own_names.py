@@ -16,11 +16,13 @@ from consistent_id.recordings.column_words import (
     before_unit_of,
     channel_of,
     is_current,
+    is_of_another,
     states,
 )
 from consistent_id.recordings.readers.units import is_unit
 
 _PARTS = re.compile(r"[A-Za-z0-9]+|[^A-Za-z0-9]+")
+_NUMBER_IN_BRACKETS = re.compile(r"\[\d+\]$")
 _LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Z](?![A-Za-z0-9])")  # a joint, not a word
 _IN_UNIT = re.compile(r"[ _]*(?:[\[(]([^\[\]()]*)[\])]|_(deg|rad|mm))$")
 
@@ -73,7 +75,9 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
             groups[start[0], ""].append(name.removeprefix(start[0]))
     for name in names if not groups else ():
         own = before_unit_of(channel, name)
-        if own is not None and not channel_of(own) and not is_current(own):
+        if own is None or channel_of(own) or is_current(own) or is_of_another(own):
+            continue
+        if not _NUMBER_IN_BRACKETS.search(own):  # else columns are numbered
             groups["", name.removeprefix(own)].append(own)
     found = max(groups.values(), key=len, default=[])
     differing = _without_common_start(found) if len(found) > 1 else ()

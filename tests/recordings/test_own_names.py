@@ -256,8 +256,25 @@ def test_a_unit_says_no_channel_of_a_name_with_other_words(channel, text):
         return
     with pytest.raises(RecordingError, match="found no column") as caught:
         in_pandas(names)
-    if "max" not in text:
-        assert f"--{channel}" in caught.value.options
+    of_another = "max" in text or "temp" in text
+    assert (f"--{channel}" in caught.value.options) != of_another
+
+
+def test_names_of_joints_are_not_mapped_to_themselves():
+    """It was proposed, because a limit in degrees has them, and changed nothing."""
+    names = ["t", *(f"{c}_{joint}" for c in ("load", "p") for joint in ARM)]
+    names += [f"limit_{joint}_deg" for joint in ARM]
+    with pytest.raises(RecordingError, match="found no column") as caught:
+        in_pandas(names)
+    assert "--names" not in caught.value.options
+    assert own_names([f"limit_{k}_deg" for k in ("a", "b")]) == ()
+    assert own_names(["x[0] [deg]", "x[1] [deg]"]) == ()
+
+
+def test_a_simulated_channel_is_read_with_a_note():
+    names = ["t", *(f"{c}{k}" for c in ("q", "tau_sim_") for k in (1, 2, 3))]
+    (note,) = in_pandas(names).notes
+    assert note == "tau_sim_{number} is taken as the torque: no other column is"
 
 
 def test_columns_in_a_unit_of_velocity_that_are_not_read_are_named():

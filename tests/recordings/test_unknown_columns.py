@@ -308,3 +308,23 @@ def test_an_array_whose_first_joint_moves_evenly_is_no_table_with_a_clock(tmp_pa
     q[:, 0], dq[:, 0] = 0.3 * TIME, 0.3
     np.savez(path, t=TIME, x=q, y=dq, z=TAU)
     assert options_of(path) == "--position x --velocity y --torque z"
+
+
+@pytest.mark.parametrize("name", ["fan{}_rpm", "temp{}", "status{}", "motor{}_pos"])
+def test_columns_of_another_thing_are_not_proposed_as_the_torque(tmp_path, name):
+    """Columns with a unit of velocity, or with words of a position, were."""
+    header = ["t", *(n.format(k) for n in ("q{}", "dq{}", name) for k in (1, 2))]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([TIME, Q, DQ, TAU])
+    np.savetxt(path, table, "%.17g", ",", header=",".join(header), comments="")
+    assert "--torque" not in options_of(path)
+
+
+def test_a_simulated_torque_beside_more_columns_is_not_proposed(tmp_path):
+    names = ("q{}", "tau_sim{}")
+    header = ["t", *(name.format(k) for name in names for k in (1, 2, 3))]
+    path = tmp_path / "log.csv"
+    wide = [np.column_stack([values, 0.0 * TIME]) for values in (Q, TAU)]
+    table = np.column_stack([TIME, *wide])
+    np.savetxt(path, table, "%.17g", ",", header=",".join(header), comments="")
+    assert options_of(path) == "--position 'q{1..2}'"
