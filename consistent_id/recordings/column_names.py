@@ -12,6 +12,7 @@ from functools import lru_cache
 from itertools import count, takewhile, zip_longest
 
 from consistent_id.recordings.column_words import (
+    MEASURED,
     channel_of,
     is_bare,
     is_current,
@@ -222,8 +223,6 @@ class NamePattern:
     units: tuple[str, ...] = ()
 
 
-_OF_A_JOINT = {"measured", "meas", "msr", "mes", "actual", "act", "real", "ist"}
-_OF_A_JOINT |= {"feedback", "fb", "fbk"}
 _ANOTHER = set(
     "sim simulated model nominal ff feedforward set rated max min est estimated "
     "offset bias friction prev output".split()
@@ -246,7 +245,7 @@ def doubt(channel: str, pattern: str) -> int:
     """
     said = words(pattern)
     moved = channel != "torque" and said & _OF_A_MOTOR
-    return DOUBTFUL if moved or said & _ANOTHER else 0 if said & _OF_A_JOINT else 1
+    return DOUBTFUL if moved or said & _ANOTHER else 0 if said & MEASURED else 1
 
 
 def name_patterns(
@@ -283,7 +282,10 @@ def _name_patterns(
         fitting = [p for p in found if is_bare(p.text)]
     if not fitting:
         fitting = [p for p in found if says_unit_of(channel, p.text)]
-    if not fitting and len(own_names(names, channel)) != max(len(joints), 2):
+    # Names beside a single torque are those of arrays, not of joints.
+    own = own_names(names, channel)
+    torques = sum(channel_of(name, observed) == "torque" for name in names)
+    if not fitting and (len(own) != max(len(joints), 2) or torques == 1):
         fitting = [
             NamePattern(name, tuple(joints), is_array=True)
             for name in names

@@ -27,6 +27,10 @@ _WORDS = {
         "effort, efforts, jts, qfrc actuator, actuator force, drehmoment",
     }.items()
 }
+MEASURED = {"measured", "meas", "msr", "mes", "actual", "act", "real", "ist"}
+MEASURED |= {"feedback", "fb", "fbk"}
+"""Words of a channel that is measured."""
+
 _CURRENT = {"current", "currents", "cur", "curr", "amp", "amps", "ampere", "amperes"}
 _CURRENT |= {"i", "iq"}
 _COMMANDED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}

@@ -13,6 +13,7 @@ from operator import eq
 
 from consistent_id.recordings.column_words import (
     HUMP,
+    MEASURED,
     before_unit_of,
     channel_of,
     is_current,
@@ -58,14 +59,13 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
         said = _LETTER.sub("", " ".join(_humps(name)))
         if channel_of(said, observed) != channel:
             continue
-        bare = _without_unit(name)
+        bare = _without_measured(_without_unit(name))
         first, *others = _PARTS.findall(bare) or [""]
         *start, last = _humps(bare)
         if others and channel_of(others[-1]) == channel:
             mark = "".join(others[-2:]) + name[len(bare) :]
-            groups["", mark].append(name.removesuffix(mark))
-        elif others and channel_of(first) == channel:
-            mark = first + others[0]
+            groups["", mark].append(_without_measured(name.removesuffix(mark)))
+        elif mark := _start_of(channel, [first, *others]):
             end = _closed(bare, mark) + name[len(bare) :]
             groups[mark, end].append(name.removeprefix(mark).removesuffix(end))
         elif start and channel_of(last) == channel:  # basePos
@@ -85,6 +85,22 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
         others_own = list(_own_names(names, "torque"))
         return tuple(others_own) if set(others_own) <= set(names) else ()
     return () if any(_letters(name).isdigit() for name in differing) else differing
+
+
+def _start_of(channel: str, parts: Sequence[str]) -> str:
+    """Return the start of a name up to the words of a channel, and the mark behind."""
+    for end in range(1, len(parts) - 1, 2):  # words and what is between take turns
+        if channel_of("".join(parts[:end])) == channel:
+            return "".join(parts[: end + 1])
+    return ""
+
+
+def _without_measured(name: str) -> str:
+    """Return a name without last words that say that it is measured."""
+    parts = _PARTS.findall(name)
+    while len(parts) > 2 and parts[-1].lower() in MEASURED:
+        del parts[-2:]
+    return "".join(parts)
 
 
 def _humps(name: str) -> list[str]:
