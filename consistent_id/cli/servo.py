@@ -119,8 +119,9 @@ def _answer(options: argparse.Namespace) -> Answer:
     from consistent_id._support.tables import Table
     from consistent_id.robot.loaders.robot_file import load_robot
     from consistent_id.robot.model import followers_at
+    from consistent_id.rollout.servo_columns import logged_joints
     from consistent_id.rollout.servo_fit import FORMS, identify_servos
-    from consistent_id.rollout.servo_log import logged_joints, read_servo_sets
+    from consistent_id.rollout.servo_log import read_servo_sets
 
     folder = options.output
     if folder is not None and not options.dry_run:

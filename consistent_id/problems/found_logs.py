@@ -24,11 +24,6 @@ from consistent_id.problems.statement import (
 from consistent_id.recordings.channel_clocks import require_one_clock
 from consistent_id.recordings.column_guess import ColumnGuess, guess_columns
 from consistent_id.recordings.column_proposals import KnownColumns
-from consistent_id.recordings.column_words import (
-    WrenchNames,
-    may_be_wrench,
-    wrench_names,
-)
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.mixed_columns import require_torque
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
@@ -38,6 +33,11 @@ from consistent_id.recordings.readers.named_arrays import require_gain
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.used_rows import NoValueError
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.wrench_words import (
+    WrenchNames,
+    may_be_wrench,
+    wrench_names,
+)
 from consistent_id.robot.chains import Selection, base_question
 from consistent_id.robot.loaders import load_robot
 from consistent_id.robot.model import RobotModel
@@ -176,20 +176,13 @@ def found_logs(
     wrenches = wrenches_in_log(log, in_memory)
     felt = wrench_note(wrenches, robot)
     others = () if floating is None else floating.taken
-    known = KnownColumns(
-        robot.joint_names,
-        {c: name for c in _CHANNELS if (name := getattr(stated, c)) is not None},
+    known = replace(
+        _stated_columns(robot, stated),
         names=in_memory,
         taken=(*others, *(name for one in wrenches for name in one.names)),
         arrays=_arrays(floating),
-        torque_joints=stated.torque_joints,
-        units=stated.units,
-        currents=len(stated.torque_gain) > 0,
-        commands=stated.gains is not None,
-        sliding=frozenset(j.name for j in robot.driven if j.kind == "prismatic"),
         all_joints=_every_joint(model, stated),
         rows=_rows_of_joints(model, log, robot, stated, tables),
-        topic=stated.topic,
     )
     guessed = partial(_guessed, log, renamed=_names_in_log(stated, robot), felt=felt)
     try:
@@ -217,6 +210,20 @@ def found_logs(
         found = replace(found, beside=floating.beside)
         notes = (*notes, *floating.notes)
     return RobotLogs(robot, found, locked, stated, notes, floating, tables)
+
+
+def _stated_columns(robot: RobotModel, stated: Statement) -> KnownColumns:
+    """Return what the robot and the user's statement say of a log's columns."""
+    return KnownColumns(
+        robot.joint_names,
+        {c: name for c in _CHANNELS if (name := getattr(stated, c)) is not None},
+        torque_joints=stated.torque_joints,
+        units=stated.units,
+        currents=len(stated.torque_gain) > 0,
+        commands=stated.gains is not None,
+        sliding=frozenset(j.name for j in robot.driven if j.kind == "prismatic"),
+        topic=stated.topic,
+    )
 
 
 def _with_locked(

@@ -17,7 +17,9 @@ import numpy as np
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.channel_clocks import require_one_clock
 from consistent_id.recordings.column_names import (
+    DOUBTFUL,
     NamePattern,
+    doubt,
     shown,
 )
 from consistent_id.recordings.column_proposals import (
@@ -41,7 +43,7 @@ from consistent_id.recordings.mixed_columns import (
 )
 from consistent_id.recordings.own_names import mapping_advice, mapping_option
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
-from consistent_id.recordings.readers.csv import lacks_names
+from consistent_id.recordings.readers.csv_header import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.table_folder import require_one_run
 from consistent_id.recordings.readers.units import KNOWN, SI, listed_names
@@ -151,15 +153,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         elif channel == "torque" and best.joints != moved and not known.torque_joints:
             require_one_torque(log, best, others, moved, names)
             found = replace(found, torque_joints=best.joints)
-        if best.units:
-            each = map(" in ".join, zip(best.joints, best.units, strict=True))
-            notes.append(f"{channel} is read from {best.text}: {', '.join(each)}")
-        if len(each_name := listed_names(best.text)) > 1:
-            notes.append(f"{channel} is read from {', '.join(each_name)}")
-        if is_bare(best.text) or says_unit_of(channel, best.text):
-            notes.append(f"{best.text} is taken as the {channel}: no other column is")
-        if also := rivals(best, others):
-            notes.append(f"{channel} is read from {best.text}, not from {also}")
+        notes += _choice_notes(channel, best, others)
     if in_file:
         require_one_clock(log, column_names(log), found)
         if log_format(log) is TABLES and "position" not in known.channels:
@@ -169,6 +163,24 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         order = listed or array_order(log, names, tuple(found.array_joints))
         found = replace(found, array_joints=order)
     return ColumnGuess(found, moved, tuple(notes))
+
+
+def _choice_notes(
+    channel: str, best: NamePattern, others: Sequence[NamePattern]
+) -> list[str]:
+    """Return notes on what a pattern is, and on others that are not read."""
+    notes = []
+    if best.units:
+        each = map(" in ".join, zip(best.joints, best.units, strict=True))
+        notes.append(f"{channel} is read from {best.text}: {', '.join(each)}")
+    if len(each_name := listed_names(best.text)) > 1:
+        notes.append(f"{channel} is read from {', '.join(each_name)}")
+    is_doubtful = doubt(channel, best.text) >= DOUBTFUL
+    if is_doubtful or is_bare(best.text) or says_unit_of(channel, best.text):
+        notes.append(f"{best.text} is taken as the {channel}: no other column is")
+    if also := rivals(best, others):
+        notes.append(f"{channel} is read from {best.text}, not from {also}")
+    return notes
 
 
 def _unread_velocity(names: Sequence[str], joints: Sequence[str]) -> list[str]:

@@ -12,6 +12,7 @@ from functools import lru_cache
 from itertools import count, takewhile, zip_longest
 
 from consistent_id.recordings.column_words import (
+    MEASURED,
     channel_of,
     is_bare,
     is_current,
@@ -222,14 +223,16 @@ class NamePattern:
     units: tuple[str, ...] = ()
 
 
-_OF_A_JOINT = {"measured", "meas", "msr", "mes", "actual", "act", "real", "ist"}
-_OF_A_JOINT |= {"feedback", "fb", "fbk"}
-_DOUBTFUL = set(
+_ANOTHER = set(
     "sim simulated model nominal ff feedforward set rated max min est estimated "
     "offset bias friction prev output".split()
 )
 _OF_A_MOTOR = {"motor", "rotor"}  # before the gear
 _OF_JOINTS = {"joint", "joints", "jnt", "state", "states"}  # and of no other body
+
+
+DOUBTFUL = 2
+"""Rank of a pattern of something else, such as a simulation."""
 
 
 def doubt(channel: str, pattern: str) -> int:
@@ -242,7 +245,7 @@ def doubt(channel: str, pattern: str) -> int:
     """
     said = words(pattern)
     moved = channel != "torque" and said & _OF_A_MOTOR
-    return 2 if moved or said & _DOUBTFUL else 0 if said & _OF_A_JOINT else 1
+    return DOUBTFUL if moved or said & _ANOTHER else 0 if said & MEASURED else 1
 
 
 def name_patterns(
@@ -263,6 +266,7 @@ def _name_patterns(
     joints: tuple[str, ...],
     all_joints: tuple[str, ...],
 ) -> tuple[NamePattern, ...]:
+    """Return the patterns that are of a channel, or only by their unit; best first."""
     observed = states(names)
 
     def fits(text: str) -> bool:
@@ -272,6 +276,41 @@ def _name_patterns(
             return is_force(text) and not channel_of(text)
         return channel_of(text, observed) == channel
 
+    found = _every_pattern(names, joints, all_joints)
+    fitting = [p for p in found if fits(p.text)]
+    if not fitting and channel == "position":
+        fitting = [p for p in found if is_bare(p.text)]
+    if not fitting:
+        fitting = [p for p in found if says_unit_of(channel, p.text)]
+    # Names beside a single torque are those of arrays, not of joints.
+    own = own_names(names, channel)
+    torques = sum(channel_of(name, observed) == "torque" for name in names)
+    if not fitting and (len(own) != max(len(joints), 2) or torques == 1):
+        fitting = [
+            NamePattern(name, tuple(joints), is_array=True)
+            for name in names
+            if fits(name) and not any(c.isdigit() for c in name)
+        ]
+    return tuple(
+        sorted(
+            fitting,
+            key=lambda p: (
+                -len(p.joints),
+                doubt(channel, p.text),
+                bool(words(p.text) & _OF_A_MOTOR),  # torques of motors, last
+                "{joint}" not in p.text,
+                not words(p.text) & _OF_JOINTS,
+                len(p.text),
+            ),
+        )
+    )
+
+
+@lru_cache(maxsize=4)
+def _every_pattern(
+    names: tuple[str, ...], joints: tuple[str, ...], all_joints: tuple[str, ...]
+) -> tuple[NamePattern, ...]:
+    """Return all patterns of columns, one for each joint, whatever their meaning."""
     found: dict[str, NamePattern] = {}
     known = frozenset(names)
     runs = numbered_columns(names)
@@ -291,30 +330,7 @@ def _name_patterns(
             if len(run) == len(every):
                 pattern = _pattern_by_number(run, joints, every)
                 found.setdefault(pattern.text, pattern)
-    fitting = [p for p in found.values() if fits(p.text)]
-    if not fitting and channel == "position":
-        fitting = [p for p in found.values() if is_bare(p.text)]
-    if not fitting:
-        fitting = [p for p in found.values() if says_unit_of(channel, p.text)]
-    if not fitting and len(own_names(names, channel)) != max(len(joints), 2):
-        fitting = [
-            NamePattern(name, tuple(joints), is_array=True)
-            for name in names
-            if fits(name) and not any(c.isdigit() for c in name)
-        ]
-    return tuple(
-        sorted(
-            fitting,
-            key=lambda p: (
-                -len(p.joints),
-                doubt(channel, p.text),
-                bool(words(p.text) & _OF_A_MOTOR),  # torques of motors, last
-                "{joint}" not in p.text,
-                not words(p.text) & _OF_JOINTS,
-                len(p.text),
-            ),
-        )
-    )
+    return tuple(found.values())
 
 
 def columns_of_pattern(pattern: NamePattern) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.column_names import (
+    DOUBTFUL,
     NamePattern,
     NumberedColumns,
     doubt,
@@ -21,6 +22,7 @@ from consistent_id.recordings.column_names import (
 from consistent_id.recordings.column_words import (
     CHANNELS,
     channel_of,
+    may_be_effort,
     may_be_of_unit,
     says_nothing,
     words,
@@ -48,8 +50,6 @@ WITHOUT_TORQUE = (
 )
 
 GAINS = "KP,KD"  # in place of values that no log contains
-
-_DOUBTFUL = 2  # rank of columns of something else
 
 _EXAMPLES = {
     "position": "q_{joint}",
@@ -187,13 +187,15 @@ def _advice(
     """Return what else may be the channel, and options; empty where nothing may."""
     runs = numbered_columns(names)
     others = [run for run in runs if channel_of(run.pattern) == channel]
+    others.sort(key=lambda run: doubt(channel, run.pattern))
     own = own_names(names) if channel == "position" else ()
     in_groups = _by_numbers(log, names, joints, known, arrays_of_a_group)
     if in_groups is not None:
         return in_groups
     if channel == "position" and (named := _advice_by_unit(channel, names, joints)):
         return named
-    if len(own) > 1 and len(own) >= max(map(len, others), default=0):
+    as_many = len(own) >= max(map(len, others), default=0)
+    if len(own) > 1 and as_many and not set(own) <= set(joints):
         return mapping_advice(own, joints), mapping_option(own, joints)
     if others and len(others[0]) > len(joints) and known.names is None:
         return _of_more_columns(log, runs, others[0], channel, joints, known)
@@ -261,7 +263,9 @@ def _advice_on_torque(
             "--gains KP,KD[,LIMIT] ..."
         )
         return more, of_commands
-    unknown = _for_each(says_nothing, "torque", names, joints)
+    unknown = _for_each(
+        lambda text: says_nothing(text) and may_be_effort(text), "torque", names, joints
+    )
     if len(unknown) == 1:
         ((what, options),) = unknown.items()
         more = (
@@ -290,8 +294,9 @@ def _of_more_columns(
     if channel == "position":
         for other in CHANNELS[1:]:
             as_many = [run for run in of_channel[other] if len(run) == len(more)]
-            if as_many:
-                likely[other] = as_many[0]
+            sure = [run for run in as_many if doubt(other, run.pattern) < DOUBTFUL]
+            if sure:
+                likely[other] = sure[0]
     every = [run for several in of_channel.values() for run in several]
     exact = [run for run in every if len(run) == len(joints)]
     numbers = {(run.first, run.last) for run in exact}
@@ -361,11 +366,12 @@ def _for_each(
     runs = [run for run in numbered_columns(names) if len(run) == len(joints)]
     found = {run.pattern: (str(run), run.option(channel)) for run in runs}
     known = frozenset(names)
+    of_runs = [{run.name(place) for place in range(len(run))} for run in runs]
     for text in dict.fromkeys(with_joint(name, joints) for name in names):
         each = {text.replace("{joint}", joint) for joint in joints}
-        if text not in known and each <= known:
+        if text not in known and each <= known and each not in of_runs:
             found[text] = text, f"--{channel} {shlex.quote(text)}"
-    of_it = (text for text in found if fits(text) and doubt(channel, text) < _DOUBTFUL)
+    of_it = (text for text in found if fits(text) and doubt(channel, text) < DOUBTFUL)
     return dict(found[text] for text in of_it)
 
 

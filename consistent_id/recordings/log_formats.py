@@ -185,7 +185,9 @@ def _folder_format(path: Path) -> LogFormat:
         return ROS_BAG
     suffixes = {suffix for known in LOG_FORMATS for suffix in known.suffixes}
     logs = [f.name for f in files if f.suffix.lower() in suffixes - {*MESSAGES}]
-    said = f"give the logs of {', '.join(logs)} one by one"
+    said = f"give the logs {', '.join(logs)} one by one"
+    if len(logs) == 1:
+        said = f"give {logs[0]} in place of the folder"
     raise RecordingError(
         f"{path}: a folder without {_BAG_INFO} is not a bag, and without several "
         f"tables no recording; {said if logs else 'there is no log in it'}"

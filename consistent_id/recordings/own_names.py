@@ -13,14 +13,17 @@ from operator import eq
 
 from consistent_id.recordings.column_words import (
     HUMP,
+    MEASURED,
     before_unit_of,
     channel_of,
     is_current,
+    is_of_another,
     states,
 )
 from consistent_id.recordings.readers.units import is_unit
 
 _PARTS = re.compile(r"[A-Za-z0-9]+|[^A-Za-z0-9]+")
+_NUMBER_IN_BRACKETS = re.compile(r"\[\d+\]$")
 _LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Z](?![A-Za-z0-9])")  # a joint, not a word
 _IN_UNIT = re.compile(r"[ _]*(?:[\[(]([^\[\]()]*)[\])]|_(deg|rad|mm))$")
 
@@ -56,14 +59,13 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
         said = _LETTER.sub("", " ".join(_humps(name)))
         if channel_of(said, observed) != channel:
             continue
-        bare = _without_unit(name)
+        bare = _without_measured(_without_unit(name))
         first, *others = _PARTS.findall(bare) or [""]
         *start, last = _humps(bare)
         if others and channel_of(others[-1]) == channel:
             mark = "".join(others[-2:]) + name[len(bare) :]
-            groups["", mark].append(name.removesuffix(mark))
-        elif others and channel_of(first) == channel:
-            mark = first + others[0]
+            groups["", mark].append(_without_measured(name.removesuffix(mark)))
+        elif mark := _start_of(channel, [first, *others]):
             end = _closed(bare, mark) + name[len(bare) :]
             groups[mark, end].append(name.removeprefix(mark).removesuffix(end))
         elif start and channel_of(last) == channel:  # basePos
@@ -73,7 +75,9 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
             groups[start[0], ""].append(name.removeprefix(start[0]))
     for name in names if not groups else ():
         own = before_unit_of(channel, name)
-        if own is not None and not channel_of(own) and not is_current(own):
+        if own is None or channel_of(own) or is_current(own) or is_of_another(own):
+            continue
+        if not _NUMBER_IN_BRACKETS.search(own):  # else columns are numbered
             groups["", name.removeprefix(own)].append(own)
     found = max(groups.values(), key=len, default=[])
     differing = _without_common_start(found) if len(found) > 1 else ()
@@ -81,6 +85,22 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
         others_own = list(_own_names(names, "torque"))
         return tuple(others_own) if set(others_own) <= set(names) else ()
     return () if any(_letters(name).isdigit() for name in differing) else differing
+
+
+def _start_of(channel: str, parts: Sequence[str]) -> str:
+    """Return the start of a name up to the words of a channel, and the mark behind."""
+    for end in range(1, len(parts) - 1, 2):  # words and what is between take turns
+        if channel_of("".join(parts[:end])) == channel:
+            return "".join(parts[: end + 1])
+    return ""
+
+
+def _without_measured(name: str) -> str:
+    """Return a name without last words that say that it is measured."""
+    parts = _PARTS.findall(name)
+    while len(parts) > 2 and parts[-1].lower() in MEASURED:
+        del parts[-2:]
+    return "".join(parts)
 
 
 def _humps(name: str) -> list[str]:

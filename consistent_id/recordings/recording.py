@@ -81,6 +81,14 @@ def unit_option(time: Vector) -> str:
     return ""
 
 
+def _has_usual_steps(time: Vector) -> bool:
+    """Return whether most steps of a clock are as long as those of logs in seconds."""
+    with np.errstate(over="ignore"):
+        steps = np.diff(time)
+    usual = (_USUAL_STEP[0] <= steps) & (steps <= _USUAL_STEP[1])
+    return bool(usual.sum() > 0.5 * len(steps))
+
+
 def instant(at: float, time: Vector) -> str:
     """Return an instant of a log [s] as text, to less than a hundredth of its duration.
 
@@ -281,11 +289,14 @@ class Recording:
             bad = int(np.argmin(np.isfinite(time)))
             raise SampleError(f"{self.name}: time of sample {bad} is {time[bad]}")
         if abs(time).max() > LATEST:
-            bad = int(np.argmax(abs(time)))
+            bad, option = int(np.argmax(abs(time))), unit_option(time)
+            advice = f". State the unit: {option or '--units time=ns (or us, ms)'}"
+            if _has_usual_steps(time):
+                advice = ", as most steps of this clock are: that stamp is broken"
             raise SampleError(
                 f"{self.name}: time of sample {bad} is {time[bad]:.3g} s, expected "
-                f"seconds. State the unit: --units us (or ms, ns)",
-                options=unit_option(time),
+                f"seconds{advice}",
+                options=option,
             )
         steps = np.diff(time)
         option = _rate_option(time)

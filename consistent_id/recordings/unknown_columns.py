@@ -16,7 +16,12 @@ import numpy as np
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_names import NumberedColumns, numbered_columns
-from consistent_id.recordings.column_words import CHANNELS, channel_of, says_nothing
+from consistent_id.recordings.column_words import (
+    CHANNELS,
+    channel_of,
+    may_be_effort,
+    says_nothing,
+)
 from consistent_id.recordings.log_formats import has_no_arrays
 from consistent_id.recordings.readers.named_arrays import read_parts
 from consistent_id.recordings.readers.recording_file import reader_of
@@ -54,6 +59,13 @@ class _Block(NamedTuple):
 
     name: str | NumberedColumns
     values: Matrix
+
+    @property
+    def pattern(self) -> str:
+        """The name as a pattern."""
+        if isinstance(self.name, NumberedColumns):
+            return self.name.pattern
+        return self.name
 
     def option(self, channel: str) -> str:
         if isinstance(self.name, NumberedColumns):
@@ -132,7 +144,8 @@ def _of_arrays(
             continue
         rows = array if len(array) == samples else array.T
         width = rows.shape[1]
-        begin = int(clock == f"{name}[0:1]" or is_clock(rows[:, 0]))
+        begins = clock == f"{name}[0:1]" or is_clock(rows[:, 0])
+        begin = int(begins and (width - 1) % joints == 0)
         if (width - begin) % joints:
             continue
         for first in range(begin, width, joints):
@@ -154,17 +167,21 @@ def _channels(
     layout = column_layout(np.column_stack([time, *(b.values for b in blocks)]), joints)
     if layout.position is None or layout.velocity is None or layout.torque is None:
         return None
+    likely = [blocks[(p - 2) // joints] for p in (layout.torque, *layout.others)]
+    torques = [block for block in likely if may_be_effort(block.pattern)]
+    if not torques:
+        return None
     first = {
-        channel: blocks[(place - 2) // joints]
-        for channel in ("position", "velocity", "torque")
-        if (place := getattr(layout, channel)) is not None
+        "position": blocks[(layout.position - 2) // joints],
+        "velocity": blocks[(layout.velocity - 2) // joints],
+        "torque": torques[0],
     }
     options = " ".join(
         block.option(channel)
         for channel, block in first.items()
         if channel not in known
     )
-    others = [str(blocks[(place - 2) // joints].name) for place in layout.others]
+    others = [str(block.name) for block in torques[1:]]
     more = f"; {', '.join(others)} may be it as well" if others else ""
     position, velocity, torque = (str(block.name) for block in first.values())
     return UnknownColumns(

@@ -274,7 +274,7 @@ def test_a_clock_that_is_not_in_seconds_is_refused_with_the_option(arm, tmp_path
         return [f"{1.7e15 + 1e6 * float(time):.0f},{rest}" for time, rest in rows]
 
     urdf, log = renamed(arm, tmp_path, rows=dates)
-    with pytest.raises(ci.RecordingError, match="--units us"):
+    with pytest.raises(ci.RecordingError, match="--units time=us"):
         robot_logs(urdf, log).read(log)
     found = robot_logs(urdf, log, Statement(units={"time": "us"})).read(log)
     assert found.duration == pytest.approx(robot_logs(*arm).read(arm[1]).duration)

@@ -162,6 +162,34 @@ def test_broken_samples_are_those_that_a_random_fault_broke():
         np.testing.assert_array_equal(broken_samples(time, []), broken)
 
 
+@pytest.mark.parametrize("unit", ["s", "ns"])
+def test_a_wild_stamp_in_a_clock_of_seconds_is_no_other_unit(unit):
+    time = np.arange(60) * {"s": 0.01, "ns": 1e7}[unit]
+    time += 1e13 * (unit == "ns")
+    time[1] = 2.7e154
+    table = {"time": time, "q_elbow": np.sin(time), "tau_elbow": np.cos(time)}
+    with pytest.raises(RecordingError) as refused:
+        recording_from(table, ["elbow"], COLUMNS)
+    said = str(refused.value)
+    assert ("State the unit: --units time=ns" in said) == (unit == "ns")
+    assert ("that stamp is broken" in said) == (unit == "s")
+    if unit == "s":
+        assert refused.value.options == "--omit 2"
+
+
+@pytest.mark.parametrize("late", [-0.02, 0.02])
+def test_a_stamp_that_jitters_back_begins_no_recording(late, caplog):
+    """It was read as two recordings, three seconds apart."""
+    time = np.arange(400) * 0.008
+    time[200] += late
+    table = {"time": time, "q_elbow": np.sin(time), "tau_elbow": np.cos(time)}
+    with pytest.raises(RecordingError, match="must increase") as refused:
+        recording_from(table, ["elbow"], COLUMNS)
+    assert refused.value.options == "--omit 201"
+    assert not caplog.text
+    assert len(recording_from(table, ["elbow"], COLUMNS, omit=[201])) == 399
+
+
 @pytest.mark.parametrize("nothing", ["", "nan", "NA"])
 def test_rows_with_missing_values_are_left_out_when_asked(tmp_path, nothing):
     """A table of two topics has rows in which only the other topic has values."""

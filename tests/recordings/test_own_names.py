@@ -256,8 +256,25 @@ def test_a_unit_says_no_channel_of_a_name_with_other_words(channel, text):
         return
     with pytest.raises(RecordingError, match="found no column") as caught:
         in_pandas(names)
-    if "max" not in text:
-        assert f"--{channel}" in caught.value.options
+    of_another = "max" in text or "temp" in text
+    assert (f"--{channel}" in caught.value.options) != of_another
+
+
+def test_names_of_joints_are_not_mapped_to_themselves():
+    """It was proposed, because a limit in degrees has them, and changed nothing."""
+    names = ["t", *(f"{c}_{joint}" for c in ("load", "p") for joint in ARM)]
+    names += [f"limit_{joint}_deg" for joint in ARM]
+    with pytest.raises(RecordingError, match="found no column") as caught:
+        in_pandas(names)
+    assert "--names" not in caught.value.options
+    assert own_names([f"limit_{k}_deg" for k in ("a", "b")]) == ()
+    assert own_names(["x[0] [deg]", "x[1] [deg]"]) == ()
+
+
+def test_a_simulated_channel_is_read_with_a_note():
+    names = ["t", *(f"{c}{k}" for c in ("q", "tau_sim_") for k in (1, 2, 3))]
+    (note,) = in_pandas(names).notes
+    assert note == "tau_sim_{number} is taken as the torque: no other column is"
 
 
 def test_columns_in_a_unit_of_velocity_that_are_not_read_are_named():
@@ -299,3 +316,22 @@ def test_names_that_are_parts_of_those_of_one_arm_are_mapped_to_it(tmp_path):
     assert caught.value.options == "--names a=left_a b=left_b c=left_c"
     assert "(left_a and so on; right_a would fit as well)" in str(caught.value)
     assert pairs_of(["b", "a"], ["a_1", "b_1"]) == (("b", "b_1"), ("a", "a_1"))
+
+
+@pytest.mark.parametrize(
+    "form",
+    ["measured_position/{} [rad]", "{}_actual_q_rad", "load pos {}", "{} pos ist"],
+)
+def test_names_of_joints_stand_beside_several_words_of_a_channel(form):
+    """They were found without other words, or with the word for measured."""
+    names = ["t", *(form.format(own) for own in ("Base", "Arm", "Wrist"))]
+    assert own_names(names) == ("Base", "Arm", "Wrist")
+
+
+def test_a_column_of_a_joint_is_no_array_of_all_joints():
+    """One of them was read as an array, as its name was not found behind two words."""
+    own = ("Base", "Arm", "Wrist")
+    names = ["t", *(f"{c}/{o}" for c in ("actual_q", "load_torque") for o in own)]
+    with pytest.raises(RecordingError, match="found no column") as caught:
+        in_pandas(names)
+    assert caught.value.options == mapping_option(own, ARM)

@@ -12,7 +12,7 @@ import pytest
 import scipy.io
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers import Columns, read_recording
+from consistent_id.recordings.readers import Columns, json_records, read_recording
 from consistent_id.recordings.readers.recording_file import LogRows
 
 JOINTS = ("elbow", "wrist")
@@ -461,3 +461,13 @@ def test_records_in_lines_are_read_whatever_the_ending(tmp_path):
     (tmp_path / "log.jsonl").write_text("\n".join(lines)[:-3])
     with pytest.raises(RecordingError, match=r"line 3: .* cut off: delete it"):
         read_recording(tmp_path / "log.jsonl", ["a"], Columns(position="q"))
+
+
+def test_numbers_of_records_may_be_texts(tmp_path):
+    """Such columns were missing, also from the names that messages list."""
+    path = tmp_path / "log.jsonl"
+    records = [{"time": f"{k}", "q": f"{0.5 * k}", "mode": "1a"} for k in range(3)]
+    path.write_text("\n".join(map(json.dumps, records)))
+    assert json_records.array_names(path) == ("time", "q")
+    log = read_recording(path, ["a"], Columns(position="q"))
+    assert log.position.ravel().tolist() == [0.0, 0.5, 1.0]

@@ -16,6 +16,7 @@ from consistent_id.recordings.readers import (
     read_recording,
     table_text,
 )
+from consistent_id.recordings.readers.csv_header import CsvHeader
 from consistent_id.recordings.readers.used_rows import UsedRows
 
 REPEATABLE = settings(derandomize=True, deadline=None, max_examples=60)
@@ -90,7 +91,7 @@ CELL = st.sampled_from([*NUMERALS.split(" "), *ODD])
 )
 def test_the_fast_way_never_differs_from_the_exact_way(separator, rows, end):
     body = end.join(separator.join(row) for row in rows)
-    header = csv._CsvHeader(("a", "b"), separator, 1, 0)
+    header = CsvHeader(("a", "b"), separator, 1, 0)
     fast = csv._fast(body, header, [1, 0])
     if fast is not None:
         exact = csv._exact(Path("log.csv"), body, header, [1, 0], UsedRows())
@@ -102,7 +103,7 @@ def test_quoted_fields_are_read_the_fast_way_or_not_at_all(note):
     """Some rows end within a quoted line end where PyArrow cuts its blocks of 1 MB."""
     rows = 60_000
     body = "".join(f'"{k}",{note},{k}.5\n' for k in range(rows))
-    fast = csv._fast(body, csv._CsvHeader(("a", "note", "b"), ",", 1, 0), [2, 0])
+    fast = csv._fast(body, CsvHeader(("a", "note", "b"), ",", 1, 0), [2, 0])
     if fast is None:
         assert "\n" in note
         return
@@ -115,7 +116,7 @@ def test_plain_numbers_are_read_the_fast_way(separator):
     body = f"0{separator}1.5\r\n\r\n2{separator}-3e1\r\n".replace(
         ".", "." if separator == "," else ","
     )
-    header = csv._CsvHeader(("a", "b"), separator, 1, 0)
+    header = CsvHeader(("a", "b"), separator, 1, 0)
     np.testing.assert_array_equal(
         csv._fast(body, header, [1, 0]), [[1.5, 0], [-30.0, 2]]
     )

@@ -8,6 +8,7 @@ import pytest
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import Columns, recording_from
+from consistent_id.recordings.readers.data_frames import table_names
 
 JOINTS = ("elbow", "wrist")
 SAMPLES = 5
@@ -26,6 +27,19 @@ def test_tables_in_memory_are_read_by_name(make):
     log = recording_from(make(TABLE), JOINTS[::-1], name="memory")
     np.testing.assert_array_equal(log.position, np.c_[-TIME, TIME])
     assert (log.name, log.joints) == ("memory", JOINTS[::-1])
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        (pd.DataFrame(), "the table has no columns"),
+        (pd.DataFrame(VALUES), "the table has columns named 0, 1, 2, expected"),
+        (pd.DataFrame(np.hstack([VALUES, VALUES])), "named 0, 1, 2, ..., expected"),
+    ],
+)
+def test_a_table_without_names_of_columns_is_named_so(table, said):
+    with pytest.raises(RecordingError, match=said):
+        table_names(table, "memory")
 
 
 def test_a_mapping_may_hold_arrays_of_all_joints():

@@ -9,6 +9,8 @@ from logged import write_arm
 from consistent_id import Columns, RecordingError, read_recording
 from consistent_id.problems.robot_logs import robot_logs
 from consistent_id.problems.statement import Statement
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.log_formats import TABLES, log_format
 from consistent_id.recordings.readers import csv, table_folder
 
@@ -43,6 +45,56 @@ def test_what_is_no_table_is_named_and_a_faulty_clock_is_an_error(tmp_path):
     (tmp_path / "wrench.csv").write_text("t,fx\n0,1\nx,2\n")
     with pytest.raises(RecordingError, match="'x' is not a number"):
         table_folder.array_names(tmp_path)
+
+
+def test_a_text_that_begins_with_the_word_time_is_no_table(tmp_path):
+    table(tmp_path, "position.csv", "t,hip_position", TIME, TIME**2)
+    table(tmp_path, "effort.csv", "t,hip_effort", TIME, -TIME)
+    (tmp_path / "events.txt").write_text("time of start: 10:30\nthe hip moved\n")
+    assert table_folder.array_names(tmp_path) == ("t", "hip_effort", "hip_position")
+    assert "no table: events.txt" in table_folder.notes(tmp_path)[0]
+    # A table of a channel is not left out, if no row of it can be read.
+    (tmp_path / "velocity.csv").write_text("time,hip_velocity\na,1\nb,2\n")
+    with pytest.raises(RecordingError, match="'a' is not a number"):
+        table_folder.array_names(tmp_path)
+
+
+@pytest.mark.parametrize("clock", [True, False])
+def test_tables_without_headers_have_the_clock_of_their_first_column(tmp_path, clock):
+    """It was proposed as the position of the first joint."""
+    time = np.arange(60) * 0.01
+    q = np.sin(3 * time[:, None] + np.arange(2))
+    for name, values in (("q", q), ("tau", 5 * q**3)):
+        rows = np.column_stack([time, values]) if clock else values
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",")
+    if not clock:
+        assert table_folder.array_names(tmp_path)[:2] == ("q.column1", "q.column2")
+        return
+    with pytest.raises(RecordingError) as refused:
+        guess_columns(tmp_path, KnownColumns(("pan", "lift")))
+    assert refused.value.options == "--time column1"
+    with pytest.raises(RecordingError) as refused:
+        guess_columns(tmp_path, KnownColumns(("pan", "lift"), {"time": "column1"}))
+    assert refused.value.options == "--names column2=pan column3=lift"
+    columns = Columns(
+        "column1",
+        "q.{joint}",
+        torque="tau.{joint}",
+        names={"column2": "pan", "column3": "lift"},
+    )
+    log = read_recording(tmp_path, ("pan", "lift"), columns)
+    np.testing.assert_allclose(log.time, time)
+    np.testing.assert_allclose(log.position, q)
+
+
+def test_pieces_without_headers_are_one_table_without_a_header(tmp_path):
+    time = np.arange(60) * 0.01
+    rows = np.column_stack([time, np.sin(time), np.cos(time)])
+    for k, part in enumerate(np.split(rows, [25])):
+        np.savetxt(tmp_path / f"log{k}.csv", part, delimiter=",")
+    assert table_folder.array_names(tmp_path) == ("column1", "column2", "column3")
+    read = table_folder.read_arrays(tmp_path, ["column1", "column3"])
+    np.testing.assert_allclose(np.column_stack([*read.values()]), rows[:, [0, 2]])
 
 
 def test_a_name_of_several_tables_follows_its_table(tmp_path):
@@ -256,7 +308,8 @@ def test_channels_in_tables_of_the_same_columns_are_one_recording(tmp_path):
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        (["README.md", "a.npz", "b.npz"], "give the logs of a.npz, b.npz one by one"),
+        (["README.md", "a.npz", "b.npz"], "give the logs a.npz, b.npz one by one"),
+        (["README.md", "a.csv"], "give a.csv in place of the folder"),
         (["README.md", "config.yaml"], "there is no log in it"),
         ([], "there is no log in it"),
     ],

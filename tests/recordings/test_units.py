@@ -50,6 +50,8 @@ FACTORS = {
     ("velocity", "deg_s"): math.pi / 180,
     ("velocity", "mdegps"): math.pi / 180e3,
     ("velocity", "mradps"): 1e-3,
+    ("position", "Grad"): math.pi / 180,
+    ("velocity", "Grad/s"): math.pi / 180,
     ("position", "mdeg"): math.pi / 180e3,
     ("position", "µrad"): 1e-6,
     ("acceleration", "deg.s^-2"): math.pi / 180,
@@ -321,3 +323,10 @@ def test_stamps_that_are_all_equal_need_a_rate():
     q = np.arange(5.0)[:, None]
     with pytest.raises(RecordingError, match="--time RATEHz"):
         Recording(("a",), np.full(5, 1.7e9), q)
+
+
+def test_degrees_of_german_headers_are_no_radians():
+    """`Winkel 1 [Grad]` was read in rad, in silence."""
+    assert unit_of_a_name("position", "Winkel {number} [Grad]") == "deg"
+    assert unit_of_a_name("velocity", "Geschwindigkeit_{number}_Grad/s") == "deg/s"
+    assert unit_of_a_name("position", "q_gradient_{number}") == ""

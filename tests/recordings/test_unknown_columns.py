@@ -7,7 +7,7 @@ from scipy.io import savemat
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import guess_columns
-from consistent_id.recordings.column_proposals import KnownColumns
+from consistent_id.recordings.column_proposals import KnownColumns, of_unit
 from consistent_id.recordings.column_words import is_bare
 from consistent_id.recordings.readers import Columns, csv, read_recording
 from consistent_id.recordings.unknown_columns import joints_of_wide
@@ -291,3 +291,40 @@ def test_a_file_without_columns_is_no_log(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     with pytest.raises(RecordingError, match="no column or array of numbers"):
         columns_of(tmp_path / name)
+
+
+def test_columns_with_names_of_numbered_joints_are_proposed_once():
+    """They were two proposals, `brakejoint_{1..2}` and `brake{joint}`, so none."""
+    joints = ("joint_1", "joint_2")
+    names = ["t", *joints, "brakejoint_1_Nm", "brakejoint_2_Nm"]
+    found = of_unit("torque", names, joints)
+    option = "--torque 'brakejoint_{number}_Nm'"
+    assert found == {"brakejoint_{1..2}_Nm": option}
+
+
+def test_an_array_whose_first_joint_moves_evenly_is_no_table_with_a_clock(tmp_path):
+    path = tmp_path / "log.npz"
+    q, dq = Q.copy(), DQ.copy()
+    q[:, 0], dq[:, 0] = 0.3 * TIME, 0.3
+    np.savez(path, t=TIME, x=q, y=dq, z=TAU)
+    assert options_of(path) == "--position x --velocity y --torque z"
+
+
+@pytest.mark.parametrize("name", ["fan{}_rpm", "temp{}", "status{}", "motor{}_pos"])
+def test_columns_of_another_thing_are_not_proposed_as_the_torque(tmp_path, name):
+    """Columns with a unit of velocity, or with words of a position, were."""
+    header = ["t", *(n.format(k) for n in ("q{}", "dq{}", name) for k in (1, 2))]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([TIME, Q, DQ, TAU])
+    np.savetxt(path, table, "%.17g", ",", header=",".join(header), comments="")
+    assert "--torque" not in options_of(path)
+
+
+def test_a_simulated_torque_beside_more_columns_is_not_proposed(tmp_path):
+    names = ("q{}", "tau_sim{}")
+    header = ["t", *(name.format(k) for name in names for k in (1, 2, 3))]
+    path = tmp_path / "log.csv"
+    wide = [np.column_stack([values, 0.0 * TIME]) for values in (Q, TAU)]
+    table = np.column_stack([TIME, *wide])
+    np.savetxt(path, table, "%.17g", ",", header=",".join(header), comments="")
+    assert options_of(path) == "--position 'q{1..2}'"

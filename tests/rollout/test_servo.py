@@ -15,7 +15,8 @@ from consistent_id.robot.loaders.robot_file import load_robot
 from consistent_id.rollout import ServoLog, identify_servos, read_servo_logs
 from consistent_id.rollout import servo_fit as fitting
 from consistent_id.rollout.servo_bounds import box_of, duty_law
-from consistent_id.rollout.servo_log import logged_joints, read_servo_sets
+from consistent_id.rollout.servo_columns import logged_joints
+from consistent_id.rollout.servo_log import read_servo_sets
 from consistent_id.rollout.servo_motion import (
     STEP,
     LoggedDrive,
@@ -359,6 +360,33 @@ def test_missing_values_are_neither_zero_duty_nor_a_motor_that_is_off(tmp_path):
     columns["pwm"] = np.nan
     path = table_log(tmp_path / "b.csv", columns)
     assert read_servo_logs([path], ("j",))[0].duty is None
+
+
+@pytest.mark.parametrize("nothing", ["", "nan", "NA"])
+def test_empty_cells_of_a_text_are_values_that_are_not_known(tmp_path, nothing):
+    """The message proposed `--missing omit`, which the command does not have."""
+    rows = [
+        f"{0.02 * k:.2f},{np.sin(k / 9):.4f},{np.sin(k / 9):.4f},7" for k in range(90)
+    ]
+    rows[4:40] = [row.removesuffix("7") + nothing for row in rows[4:40]]
+    rows[50] = f"1.0,{nothing},0.2,7"
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(["time,position,goal,voltage", *rows]))
+    (log,) = read_servo_logs([file], ("servo",))
+    assert len(log.time) == 89  # without the row that has no position
+    assert log.volts == 7.0
+
+
+def test_the_time_of_a_servo_is_the_column_that_is_named_so(tmp_path):
+    """The first column with the word was taken, such as a limit."""
+    ramp = np.linspace(0.0, 0.5, 30)
+    columns = {"time_limit": 9.0 + 0.0 * ramp, "q": ramp, "cmd": ramp}
+    path = table_log(tmp_path / "a.csv", columns)
+    lines = path.read_text().splitlines()
+    rows = [line.split(",") for line in lines]
+    path.write_text("\n".join(",".join([*row[1:], row[0]]) for row in rows))
+    (log,) = read_servo_logs([path], ("j",))
+    assert np.ptp(log.time) > 0.0
 
 
 def test_a_column_is_of_the_longest_joint_that_it_names_and_of_no_other(tmp_path):

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.problems.statement import Statement
+from consistent_id.recordings.base_words import BaseNames, BaseRole
 from consistent_id.recordings.column_names import shown
-from consistent_id.recordings.column_words import BaseNames, BaseRole
 from consistent_id.recordings.readers.beside_columns import (
     BaseColumns,
     Names,

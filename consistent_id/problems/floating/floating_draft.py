@@ -30,7 +30,7 @@ from consistent_id.problems.floating.contact_guess import (
     stated_contacts,
 )
 from consistent_id.problems.statement import Statement
-from consistent_id.recordings.column_words import BaseNames, BaseRole, base_names
+from consistent_id.recordings.base_words import BaseNames, BaseRole, base_names
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.beside_columns import BaseColumns, BesideColumns
 from consistent_id.recordings.readers.named_arrays import read_parts, stored_name

@@ -1,7 +1,5 @@
 """Columns of a text file: encoding, separators and decimal commas are found in it.
 
-Columns of a file without a header are called ``column1``, ``column2`` and so on.
-
 PyArrow reads the numbers if it is installed, several times as fast as the csv module.
 Where it refuses them the csv module reads the file again, row by row: it knows the row
 and the column of each fault.
@@ -11,18 +9,22 @@ import csv
 import io
 import re
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from importlib.util import find_spec
 from math import nan
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.columns import require
+from consistent_id.recordings.readers.csv_header import (
+    CsvHeader,
+    header_of,
+    headers_of,
+    lacks_names,
+)
 from consistent_id.recordings.readers.header_lines import (
     SI_WORDS,
     header_note,
@@ -34,9 +36,6 @@ from consistent_id.recordings.readers.long_tables import (
 )
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.parquet import numbers_of
-from consistent_id.recordings.readers.printed_messages import (
-    named_columns,
-)
 from consistent_id.recordings.readers.table_text import (
     PIECE,
     pieces_of_lines,
@@ -45,7 +44,6 @@ from consistent_id.recordings.readers.table_text import (
     text_head,
 )
 from consistent_id.recordings.readers.text_files import (
-    SEPARATORS,
     SPACE,
     encoding_notes,
     encoding_of,
@@ -56,7 +54,6 @@ from consistent_id.recordings.readers.text_numbers import (
     date_order,
     decimal_mark,
     flag,
-    is_number,
     number,
 )
 from consistent_id.recordings.readers.used_rows import (
@@ -70,45 +67,10 @@ from consistent_id.recordings.readers.used_rows import (
 )
 
 _HEAD = 2**14  # characters that show whether there are dates
-_WITHOUT_NAMES = "column"
 _SI = {*SI_WORDS, "", "-", "1"}
 _OF_SI = ": values are read in s, rad, m, N m and N"
-_NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
 _FLAG = re.compile(r"\b(?:true|false)\b", re.IGNORECASE)
 _NOTHING = {"", "NA", "N/A", "NULL", "null", "None"}  # fields of missing values
-
-
-@dataclass(frozen=True, slots=True)
-class _CsvHeader:
-    """The names, their separator, and the begin of the rows.
-
-    Parameters
-    ----------
-    line : int
-        Number of the header's last line, from 1.
-    end : int
-        Characters up to the end of that line.
-    rows : int
-        Number of rows between the header and the text that is read next.
-    worded : _CsvHeader, optional
-        The same line as a header, if its numbers are taken as a row.
-    repeated : str
-        What each row has to contain: the names of the joints, of printed messages.
-    day_first : bool
-        Whether the day is first in dates with slashes.
-    rewritten : bool
-        Whether the text was written anew, so that its lines are not the file's.
-    """
-
-    names: tuple[str, ...]
-    separator: str
-    line: int
-    end: int
-    rows: int = 0
-    worded: "_CsvHeader | None" = None
-    repeated: str = ""
-    day_first: bool = False
-    rewritten: bool = False
 
 
 class _Values(NamedTuple):
@@ -162,7 +124,7 @@ def read_arrays(
     """
     with readable(path):
         text, rewritten = table_text(path)
-        header = replace(_header(path, text, names), rewritten=rewritten)
+        header = replace(header_of(path, text, names), rewritten=rewritten)
         if date_order(text[:_HEAD]) != DateOrder():
             header = replace(header, day_first=date_order(text).day_first)
         rows = UsedRows(omit, missing=missing)
@@ -184,7 +146,7 @@ def read_batches(
     with readable(path):
         for text in pieces_of_lines(path):
             if header is None:
-                header = _header(path, text, names)
+                header = header_of(path, text, names)
                 if date_order(text[:_HEAD]) != DateOrder():
                     whole = date_order(table_text(path).text)
                     header = replace(header, day_first=whole.day_first)
@@ -220,18 +182,6 @@ def notes(path: Path) -> tuple[str, ...]:
     return tuple(said)
 
 
-def lacks_names(names: Sequence[str]) -> bool:
-    """Return whether columns have the names that replace a missing header.
-
-    Examples
-    --------
-    >>> lacks_names(["column1", "column2"]), lacks_names(["time", "column2"])
-    (True, False)
-    """
-    numbered = (f"{_WITHOUT_NAMES}{k}" for k in range(1, len(names) + 1))
-    return len(names) > 1 and tuple(names) == tuple(numbered)
-
-
 def _has_other_lines(text: str) -> bool:
     """Return whether there may be lines that are not rows, or rows of several lines."""
     return text[:1] in "\r\n" or any(t in text for t in ("\n\n", "\n\r", '"'))
@@ -245,7 +195,7 @@ def array_names(path: Path) -> tuple[str, ...]:
     """
     try:
         with readable(path):
-            first, above = _headers(next(pieces_of_lines(path), ""))
+            first, above = headers_of(next(pieces_of_lines(path), ""))
     except OSError as cause:
         raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
     names, comment = (
@@ -255,99 +205,10 @@ def array_names(path: Path) -> tuple[str, ...]:
     return comment if len(comment) == len(names) and lacks_names(names) else names
 
 
-def _header(path: Path, text: str, names: Sequence[str]) -> _CsvHeader:
-    """Return the header by the one separator with which it has all names."""
-    first, above = _headers(text)
-    worded = [h.worded for h in first if h.worded is not None]
-    # numpy.savetxt separates the words of a comment otherwise than the numbers below.
-    titled = [
-        replace(h, names=title.names)
-        for h in first
-        for title in above
-        if lacks_names(h.names) and len(title.names) == len(h.names)
-    ]
-    if set(names) <= {name for h in above for name in h.names}:
-        first = [h for h in first if not lacks_names(h.names)] or first
-    fitting = [h for h in first if set(names) <= set(h.names)]
-    for others in (titled, above, worded):
-        fitting = fitting or [h for h in others if set(names) <= set(h.names)]
-    if len(fitting) > 1:
-        marks = " and ".join(repr(header.separator) for header in fitting)
-        raise RecordingError(
-            f"{path}: the header has all columns with each of {marks} as separator; "
-            f"rename columns that contain a separator"
-        )
-    header = fitting[0] if fitting else max(first, key=lambda h: len(h.names))
-    require(str(path), names, header.names)
-    return header
-
-
-def _headers(text: str) -> tuple[list[_CsvHeader], list[_CsvHeader]]:
-    """Return the first line, and the last comment above it, by each separator."""
-    lines, comments, comment = io.StringIO(text, newline=""), 0, ""
-    start = 0
-    while (line := lines.readline()).startswith("#"):
-        start, comments, comment = lines.tell(), comments + 1, line.lstrip("# ")
-    first = [_split(lines, start, mark) for mark in _marks(line)]
-    above = [_split(io.StringIO(comment), 0, mark) for mark in _marks(comment)]
-    return (
-        [
-            _of_messages(_named(replace(h, line=comments + h.line), start), text, start)
-            for h in first
-        ],
-        [replace(h, line=comments, end=start) for h in above if comment],
-    )
-
-
-def _named(header: _CsvHeader, start: int) -> _CsvHeader:
-    """Return a first line of numbers as a row; as a header if it counts the columns."""
-    given = header.names
-    if len(given) < 2 or not all(map(is_number, given)):
-        return header
-    counts = ([str(first + k) for k in range(len(given))] for first in (0, 1))
-    names = tuple(f"{_WITHOUT_NAMES}{k}" for k in range(1, len(given) + 1))
-    if len(given) >= _NUMBERED and list(given) in counts:
-        return replace(header, names=names, worded=header)
-    return replace(header, names=names, line=header.line - 1, end=start, worded=header)
-
-
-def _of_messages(header: _CsvHeader, text: str, start: int) -> _CsvHeader:
-    """Return a header with the joints' names, if the rows hold them."""
-    lines = io.StringIO(text, newline="")
-    below = _split(lines, header.end, header.separator).names
-    found = named_columns(header.names, below)
-    if found is None:
-        return header
-    line, end = (header.line - 1, start) if found.is_row else (header.line, header.end)
-    repeated = header.separator.join(found.repeated)
-    return replace(header, names=found.names, line=line, end=end, repeated=repeated)
-
-
-def _marks(line: str) -> tuple[str, ...]:
-    """Return the separators that a header may have."""
-    if any(mark in line for mark in SEPARATORS) or SPACE not in line.strip():
-        return SEPARATORS
-    return (SPACE,)
-
-
-def _split(lines: io.StringIO, start: int, separator: str) -> _CsvHeader:
-    lines.seek(start)
-    line = lines.readline()
-    if len(line) > csv.field_size_limit() and separator not in line:
-        # Of a header as wide as that, the csv module refuses the whole line as a field.
-        return _CsvHeader((line.strip(),), separator, 1, lines.tell())
-    lines.seek(start)
-    reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
-    names = tuple(name.strip() for name in next(reader, []))
-    if separator == SPACE:
-        names = tuple(filter(None, names))
-    return _CsvHeader(names, separator, reader.line_num, lines.tell())
-
-
 def _values(
     path: Path,
     body: str,
-    header: _CsvHeader,
+    header: CsvHeader,
     names: Sequence[str],
     used: UsedRows,
 ) -> _Values:
@@ -370,7 +231,7 @@ def _values(
 
 
 def _fast(
-    body: str, header: _CsvHeader, places: Sequence[int], missing: Missing = "refuse"
+    body: str, header: CsvHeader, places: Sequence[int], missing: Missing = "refuse"
 ) -> Matrix | None:
     """Return the columns as PyArrow reads them; None if it refuses them or is missing.
 
@@ -412,23 +273,15 @@ def _fast(
 def _exact(
     path: Path,
     body: str,
-    header: _CsvHeader,
+    header: CsvHeader,
     places: Sequence[int],
     used: UsedRows,
 ) -> _Values:
     """Return the columns as the csv module reads them, NaN in rows to omit."""
-    read = partial(csv.reader, delimiter=header.separator, skipinitialspace=True)
-    reader = read(io.StringIO(body, newline=""))
     mark = "." if header.separator == "," else None
     lenient, day_first = used.missing == "omit", header.day_first
-    flags = list[int]()
-    if _FLAG.search(body) is not None:
-        below = filter(None, read(io.StringIO(body, newline="")))
-        flags = columns_of_flags(
-            [fields[place] for place in places]
-            for row, fields in enumerate(below, header.rows + 1)
-            if row not in used.omit and len(fields) == len(header.names)
-        )
+    flags = _flags(body, header, places, used)
+    reader = _reader(body, header)
     rows: list[list[float | None]] = []
     first, broken, lacking = "", list[int](), True
     for fields in filter(None, reader):
@@ -464,6 +317,27 @@ def _exact(
     return _Values(np.array(rows, dtype=np.float64), flags)
 
 
+def _reader(body: str, header: CsvHeader) -> Any:
+    """Return a reader of the csv module, which yields the fields of each line."""
+    lines = io.StringIO(body, newline="")
+    return csv.reader(lines, delimiter=header.separator, skipinitialspace=True)
+
+
+def _flags(
+    body: str, header: CsvHeader, places: Sequence[int], used: UsedRows
+) -> list[int]:
+    """Return the places of those of some columns that are flags."""
+    if _FLAG.search(body) is None:
+        return []
+    return columns_of_flags(
+        [fields[place] for place in places]
+        for row, fields in enumerate(
+            filter(None, _reader(body, header)), header.rows + 1
+        )
+        if row not in used.omit and len(fields) == len(header.names)
+    )
+
+
 def _faulty(
     first: str, broken: Sequence[int], rows: int, lacking: bool
 ) -> FaultyRowsError:
@@ -472,10 +346,11 @@ def _faulty(
     options = OMIT_MISSING * lacking
     if advice and not lacking and (1 not in broken or first.endswith(_OF_SI)):
         options = f"--omit {','.join(map(str, broken))}"
-    return FaultyRowsError(first, f"{advice}{MISSING_ADVICE * lacking}", options)
+    said = f"{advice}{MISSING_ADVICE * lacking}"
+    return FaultyRowsError(first, said, options, every=len(broken) == rows)
 
 
-def _miscounted(fields: Sequence[str], header: _CsvHeader) -> str:
+def _miscounted(fields: Sequence[str], header: CsvHeader) -> str:
     """Return the fault of a row with too many or too few fields, or nothing."""
     if len(fields) == len(header.names):
         return ""

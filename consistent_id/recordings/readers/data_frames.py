@@ -19,6 +19,8 @@ from consistent_id.recordings.readers.units import is_time
 from consistent_id.recordings.readers.used_rows import Duplicates, Missing, UsedRows
 from consistent_id.recordings.recording import Recording
 
+_SHOWN = 3  # names of columns that are no texts
+
 
 class ColumnTable(Protocol):
     """A table with columns by name, listed in `columns` or `keys`."""
@@ -110,9 +112,17 @@ def table_names(table: ColumnTable, name: str) -> tuple[str, ...]:
     Raises
     ------
     RecordingError
-        If it has no column names, or its time is the index of its rows.
+        If no column has a text as its name, or its time is the index of its rows.
     """
-    names = [column for column in _names(table, name) if isinstance(column, str)]
+    given = _names(table, name)
+    names = [column for column in given if isinstance(column, str)]
+    if not names:
+        seen = f"has columns named {', '.join(map(repr, given[:_SHOWN]))}"
+        seen += ", ..." if len(given) > _SHOWN else ""
+        raise RecordingError(
+            f"{name}: the table {seen if given else 'has no columns'}, expected "
+            "columns whose names are texts, such as time, q_elbow and tau_elbow"
+        )
     index = _index(table)
     if index is not None and is_time(index) and not any(map(is_time, names)):
         raise _of_index(index, name)

@@ -3,8 +3,8 @@
 Names within objects are joined by points, ``state.q``; a list of numbers in each record
 is a row of a two-dimensional array.  Lists beside a list of as many names, as in
 messages of joint states, and lists of objects with names are taken apart:
-``position.elbow``.  Records of a joint each are read side by side.  Values that are no
-numbers or times in all records are not an array.
+``position.elbow``.  Records of a joint each are read side by side.  Numbers of records
+may be texts.  Values that are no numbers or times in all records are not an array.
 """
 
 import json
@@ -92,7 +92,9 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
         )
     lists = _lists(content)
     found = _long(lists)
-    return _numbers(lists) if found is None else found[0]
+    if found is not None:
+        return found[0]
+    return _numbers({name: _unquoted(values) for name, values in lists.items()})
 
 
 def _long(
@@ -177,6 +179,15 @@ def _items(
         yield from ((f"{key}.{n}", i) for n, i in zip(names, items, strict=True))
     else:
         yield key, items
+
+
+def _unquoted(values: list[Any]) -> list[Any]:
+    """Return numbers that are written as texts; as they are, if a text is none."""
+    if not any(isinstance(value, str) for value in values):
+        return values
+    read = [number(v, ".") if isinstance(v, str) else v for v in values]
+    pairs = zip(read, values, strict=True)
+    return values if any(r is None and v is not None for r, v in pairs) else read
 
 
 def _numbers(lists: Mapping[str, Any]) -> dict[str, np.ndarray]:

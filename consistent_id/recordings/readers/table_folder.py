@@ -25,10 +25,11 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_words import channel_of
 from consistent_id.recordings.log_formats import log_format, tables_in
 from consistent_id.recordings.readers.columns import require
-from consistent_id.recordings.readers.csv import lacks_names
+from consistent_id.recordings.readers.csv_header import lacks_names
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.units import named_clocks
 from consistent_id.recordings.readers.used_rows import EmptyTableError, FaultyRowsError
+from consistent_id.recordings.unnamed_columns import is_clock
 
 _RATES = 20.0  # most ratio of the rates of two tables of one recording
 _COMMON = 0.8  # share of the longer clock that two tables of one recording cover
@@ -246,7 +247,7 @@ def _one_by_one(path: Path, tables: Sequence[_TablePart], said: str) -> Recordin
 def _pieces(tables: Sequence[_TablePart]) -> _RecordingTables | None:
     """Return the tables that are pieces of one recording, in their order; or None."""
     timed = [part for part in tables if part.clock is not None]
-    head = max(timed, key=_has_channels, default=None)
+    head = max(timed, key=_says_channels, default=None)
     if head is None or head.clock is None:
         return None
     found = list[_TablePart]()
@@ -267,6 +268,11 @@ def _pieces(tables: Sequence[_TablePart]) -> _RecordingTables | None:
 
 def _has_channels(part: _TablePart) -> bool:
     return any(map(channel_of, part.names))
+
+
+def _says_channels(part: _TablePart) -> tuple[bool, bool]:
+    """Return whether names say channels, and whether there are names at all."""
+    return _has_channels(part), not lacks_names(part.names)
 
 
 def _with_clock(part: _TablePart, clock: str) -> _TablePart:
@@ -310,9 +316,11 @@ def _columns(file: Path, names: Sequence[str]) -> Arrays:
     try:
         read: Arrays = reader.read_arrays(file, names)
     except FaultyRowsError as cause:
-        raise RecordingError(
-            f"{cause.said}. Mend that row, or take the file out of the folder: rows to "
-            "omit are counted over all its tables"
+        raise FaultyRowsError(
+            cause.said,
+            ". Mend that row, or take the file out of the folder: rows to omit are "
+            "counted over all its tables",
+            every=cause.every,
         ) from None
     return read
 
@@ -320,7 +328,9 @@ def _columns(file: Path, names: Sequence[str]) -> Arrays:
 def _part(file: Path) -> _TablePart | None:
     """Return a table of a folder; None if it is empty, or no table, such as a README.
 
-    A file with a clock is a table, and its faults are errors.
+    A file with a clock is a table, and its faults are errors, unless its first line is
+    the only sign: no row can be read, and no other column is a channel.  Without a
+    header, a first column that rises evenly is a clock.
     """
     clock = None
     try:
@@ -332,10 +342,13 @@ def _part(file: Path) -> _TablePart | None:
         values = np.array(_columns(file, [column])[column])
     except EmptyTableError:
         return None
-    except RecordingError:
-        if clock is not None:
-            raise
-        return None
+    except RecordingError as cause:
+        is_text = isinstance(cause, FaultyRowsError) and cause.every
+        if clock is None or (is_text and not any(map(channel_of, names))):
+            return None
+        raise
+    if clock is None and lacks_names(names) and _is_clock(values) and is_clock(values):
+        clock = column
     return _TablePart(file, names, clock, values) if values.size else None
 
 

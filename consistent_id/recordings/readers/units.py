@@ -64,7 +64,7 @@ SI = {
 _SPELT = {
     word: unit
     for unit, words in {
-        "deg": "° degs degree degrees",
+        "deg": "° degs degree degrees grad",
         "rad": "radian radians",
         "rev": "revs revolution revolutions turn turns",
         "m": "meter meters metre metres",
@@ -115,7 +115,7 @@ _LAST_TIME = re.compile(
 )
 _COUNTS = r"counts?|ticks?|pulses?|incs?|increments?|steps"  # of an encoder
 _NOT_MOTION = (
-    "°|degs?|degrees?|rpm|revs?|revolutions?|turns?|mm|cm|millimet(?:er|re)s?|"
+    "°|degs?|degrees?|grad|rpm|revs?|revolutions?|turns?|mm|cm|millimet(?:er|re)s?|"
     f"m(?:deg|rad)|[uµμ]rad|m?degps|m?dps|mradps|{_COUNTS}"
 )
 _EACH = (

@@ -46,11 +46,15 @@ class FaultyRowsError(RecordingError):
     ----------
     said : str
         The first fault, without advice.
+    every : bool
+        Whether no row can be read.
     """
 
-    def __init__(self, said: str, advice: str, options: str = "") -> None:
+    def __init__(
+        self, said: str, advice: str, options: str = "", *, every: bool = False
+    ) -> None:
         super().__init__(said + advice, options=options)
-        self.said = said
+        self.said, self.every = said, every
 
 
 class UsedRows(NamedTuple):
@@ -131,8 +135,9 @@ def broken_samples(time: Vector, arrays: Iterable[Array]) -> IntArray:
     """Return samples without which the clock increases and all values are finite.
 
     Few samples between two gaps of the clock, or between a gap and an end, are among
-    them, unless the gap is one of other samples that are left out.  Empty if long parts
-    of a log contradict each other: leaving out samples does not mend that.
+    them, unless the gap is one of other samples that are left out, and so is one of two
+    samples where the clock goes back by less than a gap.  Empty if long parts of a log
+    contradict each other: leaving out samples does not mend that.
 
     Examples
     --------
@@ -149,7 +154,9 @@ def broken_samples(time: Vector, arrays: Iterable[Array]) -> IntArray:
         return np.empty(0, dtype=int)
     longest = _GAP * float(np.median(steps[steps > 0.0]))
     short = np.split(places, np.flatnonzero((steps <= 0.0) | (steps > longest)) + 1)
-    doubtful = np.concatenate([p for p in short if len(p) < _SHORTEST] or [places[:0]])
+    back = np.flatnonzero((steps < 0.0) & (steps >= -longest))
+    alone = [p for p in short if len(p) < _SHORTEST]
+    doubtful = np.unique(np.concatenate([*alone, places[back], places[back + 1]]))
     good[doubtful] = False
 
     def fits(sample: int) -> bool:
