@@ -22,6 +22,7 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
+from pages import stamp
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
@@ -199,12 +200,12 @@ def page(answers: list[Answer], recorded: int) -> str:
     ]
     text = f"""# Verdicts on clean recordings
 
-Measured by `python benchmarks/clean_recordings.py`: for each recording of a real
-robot, a problem is drafted and run with the model that its training part selects. The
-recordings have no faults. A selected model may be too simple, and then the verdict
-says so. But no finding may call a recording faulty, nor call a model unable to
-explain a torque that it predicts. For recordings with a load (`load` in the name),
-the load is not in the URDF, so `load` and `masses or gain` are correct findings.
+Measured by `python benchmarks/clean_recordings.py`{stamp()}: for each
+recording of a real robot, a problem is drafted and run with the model that its training
+part selects. The recordings have no faults. A selected model may be too simple, and
+then the verdict says so. But no finding may call a recording faulty, nor call a model
+unable to explain a torque that it predicts. For recordings with a load (`load` in the
+name), the load is not in the URDF, so `load` and `masses or gain` are correct findings.
 `python benchmarks/clean_simulations.py` checks simulated logs of published arms
 in the same way, of twenty with `--seeds 10000-10299`. Their friction, rotors,
 encoders, noise and motion are drawn at random. Exit code 1 means that a log was

@@ -255,7 +255,9 @@ def main() -> None:
             accused += bool(found)
             if found:
                 verdict = ci.run_study(problem).verdict
-                word += f", {verdict.word}, held-out error {verdict.held_out:.1%}"
+                word += f", {verdict.word}"
+                if verdict.held_out is not None:  # nothing may be held out
+                    word += f", held-out error {verdict.held_out:.1%}"
             print(f"{log.stem}: {len(found)} findings, {word}", flush=True)
             for f in found:
                 print(

@@ -58,6 +58,9 @@ _LOOKS = 7  # speeds over the whole range at which a likely clock is looked for,
 # Shares of what a sure clock explains, below which no better one is looked for: after
 # growing steps, and after the first halves.
 _HOPELESS = 0.25, 0.75
+# Share of what a clock explains that half its logarithm explains at most, of a parabola
+# three quarters.  If more, any slow clock is as likely: the accelerations are wrong.
+_AT_HALF = 0.8
 _FREE = 1e3  # times the widths of nominal bodies: these are free
 
 
@@ -151,7 +154,8 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
         return None
     _, size, _ = _narrowed(speeds.lost, (low, size, high), _HALVES[1])
     beyond = speeds.lost(float(np.copysign(most, size))) <= speeds.lost(size)
-    if abs(size) < least or beyond:
+    as_likely = speeds.explained(0.5 * size) > _AT_HALF * speeds.explained(size)
+    if abs(size) < least or beyond or as_likely:
         return None
     error = speeds.error(size, 0.5 * least)
     free = replace(as_is, widths=_FREE * as_is.widths)

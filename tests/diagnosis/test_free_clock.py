@@ -69,6 +69,20 @@ def test_a_wrong_width_of_friction_is_no_clock(velocity_scale):
     assert estimated(FactorLogs.of(model, [log])) is None
 
 
+def test_accelerations_that_are_noise_are_no_slow_clock(monkeypatch):
+    """Any clock explains the log better by which there is less inertial torque."""
+    _, log = logged(1)
+    rng = np.random.default_rng(0)
+    noise = 3.0 * np.std(log.acceleration, axis=0) * rng.normal(size=log.position.shape)
+    shaken = replace(log, acceleration=log.acceleration + noise)
+    as_is = FactorLogs.of(_foreign(), [shaken])
+    assert estimated(as_is) is None
+    monkeypatch.setattr(free_clock, "_AT_HALF", 1.0)
+    found = estimated(as_is)
+    assert found.size < -0.5
+    assert found.explained > SURE**2
+
+
 @pytest.mark.parametrize("factor", [0.05, 0.1, 20.0, 30.0])
 def test_a_clock_beyond_all_that_are_tried_is_not_given_another_speed(factor):
     _, log = logged(1)
