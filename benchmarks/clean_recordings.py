@@ -213,6 +213,9 @@ called faulty. On 2026-11-29, none of these 300 was. On 2026-11-24, 2 of 400 wer
 (`--seeds 10000-10399`): a KUKA's for the noise of its positions, where least squares
 is 6.5 % off indeed, and a UR5's of 8.5 s for a torque of its last joint that the
 model does not explain.
+In 40 further ones (`--seeds 20000-20039`) arms move from pose to pose and stop, or one
+joint after another: none has a fault or is refused; 21 have warnings, most of them of
+rests and of joints that hardly move.
 
 {len(answers)} of {recorded} recordings were run: {counts}. Wrongly called faulty or
 refused: {faulty}, marked *.
