@@ -98,9 +98,10 @@ def weighed_findings(
     notes: dict[int, LogFinding] = {}
     parts: dict[int, _DataPart] = {}
     for finding in warnings:
+        if finding.kind == "standstill" and finding.recording in held_out:
+            notes |= _rests_held_out(problem, finding)
+            continue
         if finding.recording in held_out:
-            if finding.kind == "standstill":
-                notes |= _rests_held_out(problem, finding)
             if finding.kind not in _OF_A_PART:
                 continue
             change = _of_more(problem, finding, estimate, training, validation)

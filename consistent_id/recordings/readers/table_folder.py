@@ -260,7 +260,7 @@ def _pieces(tables: Sequence[_TablePart]) -> _RecordingTables | None:
             found.append(_with_clock(part, own[head.clock]))
         elif part.clock is not None and _has_channels(part):
             return None
-    if len(found) < 2 or any(not _is_clock(part.time) for part in found):
+    if len(found) < 2 or any(not _has_known_ends(part.time) for part in found):
         return None
     found.sort(key=lambda part: float(part.time[0]))
     return _RecordingTables(tuple(found), head.names) if _follow(found) else None
@@ -295,7 +295,7 @@ def _follow(parts: Sequence[_TablePart]) -> bool:
     return all(0.0 <= step <= longest for step in between)
 
 
-def _is_clock(time: Vector) -> bool:
+def _has_known_ends(time: Vector) -> bool:
     numbers = time.ndim == 1 and time.dtype.kind in "iuf"
     return bool(numbers and np.isfinite(time[[0, -1]]).all())
 
@@ -347,7 +347,8 @@ def _part(file: Path) -> _TablePart | None:
         if clock is None or (is_text and not any(map(channel_of, names))):
             return None
         raise
-    if clock is None and lacks_names(names) and _is_clock(values) and is_clock(values):
+    numbers = _has_known_ends(values)
+    if clock is None and lacks_names(names) and numbers and is_clock(values):
         clock = column
     return _TablePart(file, names, clock, values) if values.size else None
 
