@@ -153,9 +153,8 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
     if speeds.explained(size) < _HOPELESS[1] * SURE**2:
         return None
     _, size, _ = _narrowed(speeds.lost, (low, size, high), _HALVES[1])
-    beyond = speeds.lost(float(np.copysign(most, size))) <= speeds.lost(size)
     as_likely = speeds.explained(0.5 * size) > _AT_HALF * speeds.explained(size)
-    if abs(size) < least or beyond or as_likely:
+    if abs(size) < least or as_likely:
         return None
     error = speeds.error(size, 0.5 * least)
     free = replace(as_is, widths=_FREE * as_is.widths)

@@ -175,7 +175,8 @@ def _of_findings(evidence: Evidence) -> Iterator[Reason]:
         if finding.severity == "note" and finding.kind not in _SAID:
             continue
         word: Word = _WORDS[finding.severity]
-        where = ", ".join(w for w in (finding.recording, finding.where) if w)
+        places = dict.fromkeys((finding.recording, finding.where))
+        where = ", ".join(place for place in places if place)
         said = f"{where}: {finding.statement}"
         factor, size = factor_of(finding, evidence.findings)
         yield Reason(finding.kind, word, said, finding.advice, factor, size)

@@ -307,10 +307,7 @@ def _torque_of(design: ExcitationDesign) -> str:
 def _searched(design: ExcitationDesign) -> str:
     """Return the extent of the search, in words."""
     starts = f"{design.starts} start" + "s" * (design.starts != 1)
-    searched = (
-        f"{starts} from seed {design.seed}, {design.seconds:.1f} s; the time limit is "
-        "that of random paths and searches alone, not of meshes, poses and proofs"
-    )
+    searched = f"{starts} from seed {design.seed}, {design.seconds:.1f} s"
     if len(design.tried) < 2:
         return searched
     counts = ", ".join(str(len(form.frequencies)) for form in design.tried)

@@ -42,6 +42,12 @@ def test_a_weight_that_is_chosen_is_no_contradiction_up_to_the_misfit_that_is_go
     assert words(chosen)["contradiction"] == word
 
 
+def test_a_finding_about_a_whole_recording_names_it_once():
+    short = LogFinding("short", "warning", "a.csv", "2 turns", "", 1.0, "a.csv")
+    (reason,) = judge(evidence(findings=(short,))).reasons
+    assert reason.statement == "a.csv: 2 turns"
+
+
 @pytest.mark.parametrize(
     ("errors", "good"), [(0.08, True), (0.081, False), (np.nan, False)]
 )

@@ -41,6 +41,15 @@ def test_shares_and_bias_are_those_of_the_closed_form():
     assert found.noisiest[0][0] == "link1.m"
 
 
+def test_the_bias_of_strong_noise_is_the_noises_share_of_the_power():
+    noise = 0.7
+    covariance = np.diag([0.0, 0.0, noise**2])[None]
+    found = column_noise(MODEL, _slider(noise), covariance, BASE)
+    power = 1.0 + noise**2
+    estimated = 2.0 / power  # by least squares, of a mass of 2 kg
+    assert found.bias[0] == pytest.approx(-(noise**2) / power * estimated, rel=0.1)
+
+
 def test_noise_takes_no_more_than_a_parameter_has():
     """Without acceleration the mass is not in the data, though noise moves it."""
     still = replace(_slider(0.0), acceleration=np.full((4000, 1), 1e-9))

@@ -32,6 +32,7 @@ _PULLS = (
     "limited",
     "actfrclimited",
 )
+_INCLUDING = ("include", "model")  # elements that name other MJCF files
 _FOLDERS = ("assetdir", "meshdir", "texturedir")  # attributes of <compiler>
 
 
@@ -56,7 +57,7 @@ def mjcf_elements(path: Path) -> tuple[Element, ...]:
         own = tuple(_elements(file))
         elements += own
         for element in own:
-            if element.tag in ("include", "model"):
+            if element.tag in _INCLUDING:
                 waiting += _found(element.attributes.get("file", ""), (path, file))
     _require_regular(elements, seen, path)
     return tuple(elements)
@@ -127,7 +128,7 @@ def _included(path: Path) -> dict[str, bytes]:
     return {
         name: place.read_bytes()
         for element in mjcf_elements(path)
-        if element.tag in ("include", "model")
+        if element.tag in _INCLUDING
         and (name := element.attributes.get("file", ""))
         and (place := path.parent / name).is_file()
     }
