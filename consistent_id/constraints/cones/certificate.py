@@ -270,11 +270,10 @@ def solve_certified(
     """Try several methods until a solution is certified; else return the best.
 
     The methods are: without inequalities, if the result satisfies them; at several
-    tolerances, for large problems first unrefined, and magnified; then within the ball
-    of the proof; then about the best point so far; then with half the square.  If a
-    larger gap is enough, the square and a coarse tolerance are tried first.  If two
-    results show that the objective is `_FLAT`, other tolerances are skipped: balls are
-    tried, each once.
+    tolerances, for large problems first unrefined, and magnified; within the ball of
+    the proof; about the best point so far; with half the square.  If a larger gap is
+    enough, the square and a coarse tolerance are tried first.  If two results show that
+    the objective is `_FLAT`, other tolerances are skipped, and each ball is tried once.
 
     Raises
     ------
