@@ -296,7 +296,7 @@ def _follow(parts: Sequence[_TablePart]) -> bool:
 
 
 def _has_known_ends(time: Vector) -> bool:
-    numbers = time.ndim == 1 and time.dtype.kind in "iuf"
+    numbers = time.ndim == 1 and time.size > 0 and time.dtype.kind in "iuf"
     return bool(numbers and np.isfinite(time[[0, -1]]).all())
 
 
