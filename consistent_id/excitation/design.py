@@ -256,8 +256,8 @@ def _notes(aim: Aim, stages: tuple[Stage, ...], interrupted: bool) -> tuple[str,
         notes += ("interrupted: the user ended the search; this is the best so far",)
     elif any(stage.cut_short for stage in stages):
         notes += (
-            "the time limit, which is that of random paths and searches alone, ended "
-            "the search; a longer one may find a better motion",
+            "the time limit ended the search (it does not count meshes and proofs); a "
+            "longer search may find a better motion",
         )
     return notes
 
