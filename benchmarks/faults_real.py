@@ -31,6 +31,9 @@ import consistent_id as ci
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.problems.log_check import check_problem
 
+EVIDENCE = "## What the logs show of their faults"
+"""Heading of what `faults_evidence` writes below the page's table."""
+
 UNKNOWN = ("ur3/torques 1.3 times", "ur3/torques 0.7 times")
 """Left out: nobody has measured the UR3's gains, so none of all torques is wrong."""
 
@@ -458,7 +461,9 @@ def main() -> None:
                         print(json.dumps(asdict(found[name])), file=stream)
                 print(found[name], flush=True)
     if options.write:
-        options.write.write_text(page(found))
+        before = options.write.read_text() if options.write.exists() else ""
+        _, heading, rest = before.partition(f"\n{EVIDENCE}\n")
+        options.write.write_text(page(found) + heading + rest)
 
 
 if __name__ == "__main__":
