@@ -24,18 +24,10 @@ from quadrupeds import CORNERS, FEET, FOOT, quadruped_text
 from walking import Walk, walked
 
 import consistent_id as ci
-from consistent_id.diagnosis.factor_rows import (
-    LEAN,
-    Factor,
-    FactorLogs,
-    factors_of,
-    gain_of,
-)
-from consistent_id.diagnosis.torque_channel import torque_parts
-from consistent_id.diagnosis.whole_robot import (
-    gain_beside_bodies,
-    whole_robot_factors,
-)
+from consistent_id.diagnosis.factor_logs import LEAN, FactorLogs, factors_of, gain_of
+from consistent_id.diagnosis.factor_rows import Factor
+from consistent_id.diagnosis.torque_parts import torque_parts
+from consistent_id.diagnosis.whole_robot import gain_beside_bodies, whole_robot_factors
 from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.estimation.uncertainties.block_scatter import (
     BLOCKS,

@@ -26,7 +26,7 @@ from threadpoolctl import threadpool_limits
 
 import consistent_id as ci
 from consistent_id.diagnosis.explain import SAMPLES, thinned
-from consistent_id.diagnosis.factor_rows import FactorLogs, least_costs
+from consistent_id.diagnosis.factor_logs import FactorLogs, least_costs
 from consistent_id.problems.log_check import named_logs
 
 BOUNDS = {

@@ -27,12 +27,8 @@ from consistent_id.diagnosis.factor_findings import (
     FoundFactor,
     factor_findings,
 )
-from consistent_id.diagnosis.factor_rows import (
-    Factor,
-    FactorLogs,
-    factors_of,
-    joint_gains,
-)
+from consistent_id.diagnosis.factor_logs import FactorLogs, factors_of, joint_gains
+from consistent_id.diagnosis.factor_rows import Factor
 from consistent_id.diagnosis.whole_robot import whole_robot_factors
 
 NAMES = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago", "unitree_z1")

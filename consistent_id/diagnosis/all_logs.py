@@ -9,6 +9,7 @@ from dataclasses import replace
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.given_values import require_type, require_types
 from consistent_id.constraints import Constraint
+from consistent_id.diagnosis.another_robot import of_usual_size, other_robot
 from consistent_id.diagnosis.changes import change_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import saturation_findings
@@ -22,7 +23,7 @@ from consistent_id.diagnosis.explain import (
     masses_known,
     thinned,
 )
-from consistent_id.diagnosis.factor_rows import FactorLogs
+from consistent_id.diagnosis.factor_logs import FactorLogs
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
 from consistent_id.diagnosis.free_clock import (
     SEVERAL,
@@ -44,12 +45,7 @@ from consistent_id.diagnosis.signal_faults import (
     noise_findings,
     spike_findings,
 )
-from consistent_id.diagnosis.whole_robot import (
-    of_usual_size,
-    other_robot,
-    weighed_gain,
-    whole_robot_findings,
-)
+from consistent_id.diagnosis.whole_robot import weighed_gain, whole_robot_findings
 from consistent_id.diagnosis.wrong_units import (
     model_findings,
     travel_findings,

@@ -29,7 +29,7 @@ from consistent_id.diagnosis.explain import (
     FittedLog,
     thinned,
 )
-from consistent_id.diagnosis.factor_rows import (
+from consistent_id.diagnosis.factor_logs import (
     FactorLogs,
     factor_system,
     factors_of,
@@ -39,7 +39,7 @@ from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.linearise import RANK
 from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.torque_causes import late_torque, lost_signs, missing_parts
-from consistent_id.diagnosis.torque_channel import (
+from consistent_id.diagnosis.torque_parts import (
     TorqueParts,
     friction_shapes,
     nominal_parts,

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.diagnosis.factor_rows import (
+from consistent_id.diagnosis.factor_logs import (
     HARM,
     FactorLogs,
     eliminated,

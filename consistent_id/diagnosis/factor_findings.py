@@ -10,13 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id.diagnosis.factor_rows import (
-    HARM,
-    Factor,
-    FactorLogs,
-    leaning,
-    solution_of,
-)
+from consistent_id.diagnosis.factor_logs import HARM, FactorLogs, leaning, solution_of
+from consistent_id.diagnosis.factor_rows import Factor
 from consistent_id.diagnosis.findings import LogFinding, Severity
 from consistent_id.regression.regressor import TorqueModel
 

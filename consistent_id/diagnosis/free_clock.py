@@ -23,15 +23,13 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.diagnosis.explain import FittedLog, fitted_log
 from consistent_id.diagnosis.factor_findings import FARTHEST, FoundFactor, harm
-from consistent_id.diagnosis.factor_rows import (
-    EXACT,
+from consistent_id.diagnosis.factor_logs import (
     HARM,
     FactorLogs,
-    FactorRows,
     drives_share,
     factors_of,
-    residual_of,
 )
+from consistent_id.diagnosis.factor_rows import EXACT, FactorRows, residual_of
 from consistent_id.diagnosis.findings import LogFinding, Severity
 from consistent_id.diagnosis.joint_shifts import (
     SHIFT_KINDS,

@@ -19,7 +19,8 @@ from consistent_id.diagnosis.explain import (
     masses_known,
 )
 from consistent_id.diagnosis.factor_findings import doubted
-from consistent_id.diagnosis.factor_rows import FactorLogs, FactorRows
+from consistent_id.diagnosis.factor_logs import FactorLogs
+from consistent_id.diagnosis.factor_rows import FactorRows
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.small_shifts import (

@@ -32,7 +32,7 @@ from consistent_id.diagnosis.explain import (
     thinned,
     unexplained_findings,
 )
-from consistent_id.diagnosis.factor_rows import FactorLogs
+from consistent_id.diagnosis.factor_logs import FactorLogs
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.frozen_channels import frozen_findings, standing_findings
 from consistent_id.diagnosis.signal_faults import (
@@ -44,11 +44,8 @@ from consistent_id.diagnosis.signal_faults import (
     resolution_findings,
     spike_findings,
 )
-from consistent_id.diagnosis.torque_channel import (
-    channel_findings,
-    nothing_findings,
-    torque_parts,
-)
+from consistent_id.diagnosis.torque_channel import channel_findings, nothing_findings
+from consistent_id.diagnosis.torque_parts import torque_parts
 from consistent_id.diagnosis.whole_robot import doubted_gain
 from consistent_id.diagnosis.wrong_units import (
     effort_findings,

@@ -26,7 +26,7 @@ from consistent_id.diagnosis.channel_factors import (
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog
 from consistent_id.diagnosis.sample_rows import SampleRows
-from consistent_id.diagnosis.torque_channel import nominal_parts
+from consistent_id.diagnosis.torque_parts import nominal_parts
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.linear import smallest_solution

@@ -45,11 +45,9 @@ from consistent_id.diagnosis.factor_findings import (
     promising,
     worth_a_look,
 )
-from consistent_id.diagnosis.factor_rows import (
+from consistent_id.diagnosis.factor_logs import (
     LEAN,
-    Factor,
     FactorLogs,
-    FactorRows,
     FactorSystem,
     drives_share,
     factor_system,
@@ -57,29 +55,18 @@ from consistent_id.diagnosis.factor_rows import (
     gain_of,
     leaning,
     least_costs,
-    least_misfit,
-    relative_noise,
-    solution_of,
     told_gains,
 )
+from consistent_id.diagnosis.factor_rows import Factor, FactorRows, relative_noise
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.chains import last_links
-from consistent_id.robot.scaling import reference_bodies
 
 _TURNS = 3  # most linearisations until the axis of a leaning base settles
 _ROUNDS = 8  # most linearisations until a factor settles
 _SETTLED = 0.02  # change of a factor at which rounds end
 _LARGEST = 0.7  # change of a factor in one round, at most
 _TRIED = 3  # most factors that are corrected
-# Cost of nominal bodies for each base parameter, and residual of least squares over the
-# torque; one alone is enough.  In right logs of five real arms they are up to 6.1 and
-# 0.12; in 36 simulated logs of other arms, 2 to 310 and 0.03 to 0.34.
-_OTHER, _UNEXPLAINED = 10.0, 0.2
-_PULLS = 3.0  # standard errors that the farthest factor is away from none
-_USUAL = 1.0  # bodies as near as this once a factor is free are those of the model
-_AS_RIGHT = 0.12  # the largest of these right logs
 
 
 class _Sized(NamedTuple):
@@ -108,7 +95,7 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
     if level:
         turn = _turn(system, factors, level)
         if float(np.linalg.norm(turn)) >= LEAN:
-            first += _estimated(as_is, [_lean(as_is, turn)])
+            first += estimated(as_is, [_lean(as_is, turn)])
     likely = [f for f in first if promising(f)]
     cost = least_costs(as_is)[0] if likely else 0.0
     likely = [f for f in worth_a_look(as_is, likely, cost) if _sure(as_is, f)]
@@ -128,7 +115,7 @@ def _sure(as_is: FactorLogs, first: FoundFactor) -> bool:
     if factor.kind != "torque gain":
         return True
     without = as_is.without(factor, size)
-    found = _estimated(replace(without, noise=relative_noise(without.rows)), [factor])
+    found = estimated(replace(without, noise=relative_noise(without.rows)), [factor])
     return any(abs(size + f.size) >= gate_of(factor) * f.cautious for f in found)
 
 
@@ -189,13 +176,13 @@ def _settled(as_is: FactorLogs, first: FoundFactor, cost: float) -> FoundFactor:
         Least sum of squares of the unchanged logs.
     """
     factor = first.factor
-    size = _converged(as_is, first).size
+    size = converged(as_is, first).size
     without = as_is.without(factor, size)
     explained = cost - least_costs(without)[0]
     state = replace(as_is, noise=relative_noise(without.rows))
     found = _converged_from(state, factor, size)
     left, of_drives = least_costs(state.without(factor, found.size))
-    bodies, inertial = left - of_drives, _inertial(as_is.model)
+    bodies, inertial = left - of_drives, body_parameters(as_is.model)
     if bodies > inertial:
         state = replace(state, widths=state.widths * np.sqrt(bodies / inertial))
         found = _converged_from(state, factor)
@@ -225,13 +212,13 @@ def _disagreement(state: FactorLogs, factor: Factor) -> float:
 
 def _converged_from(state: FactorLogs, factor: Factor, start: float = 0.0) -> _Sized:
     """Return the size and the errors to which a factor converges from a first size."""
-    found = _estimated(state.without(factor, start), [factor])
+    found = estimated(state.without(factor, start), [factor])
     if not found:
         return _Sized(start, np.inf, np.inf)
-    return _converged(state, found[0], start)
+    return converged(state, found[0], start)
 
 
-def _converged(as_is: FactorLogs, first: FoundFactor, start: float = 0.0) -> _Sized:
+def converged(as_is: FactorLogs, first: FoundFactor, start: float = 0.0) -> _Sized:
     """Return the size and the errors to which a factor converges.
 
     Steps of linearised logs may go to and fro between two sizes.  Where two of them
@@ -254,14 +241,14 @@ def _converged(as_is: FactorLogs, first: FoundFactor, start: float = 0.0) -> _Si
         size += step
         if abs(step) <= _SETTLED:
             break
-        found = _estimated(as_is.without(first.factor, size), [first.factor])
+        found = estimated(as_is.without(first.factor, size), [first.factor])
         if not found:
             break
         last = found[0]
     return _Sized(size, last.error, last.cautious)
 
 
-def _estimated(state: FactorLogs, factors: Sequence[Factor]) -> list[FoundFactor]:
+def estimated(state: FactorLogs, factors: Sequence[Factor]) -> list[FoundFactor]:
     """Linearise once, and estimate each factor without the others."""
     return _alone(factor_system(state, factors), factors)
 
@@ -345,7 +332,7 @@ def gain_beside_bodies(as_is: FactorLogs, joint: str) -> FoundFactor | None:
     FoundFactor or None
         None if the logs do not determine it.
     """
-    found = _estimated(as_is, [gain_of(as_is.model, joint)])
+    found = estimated(as_is, [gain_of(as_is.model, joint)])
     if not found or not np.isfinite(found[0].error):
         return None
     cost = least_costs(as_is)[0]
@@ -412,95 +399,7 @@ def whole_robot_findings(as_is: FactorLogs) -> list[LogFinding]:
     ]
 
 
-def other_robot(as_is: FactorLogs) -> list[LogFinding]:
-    """Report that logs may be another robot's: no factor makes their bodies nominal.
-
-    Two signs count together.  With all factors free, the nominal bodies still cost far
-    more than in a right robot's log.  And least squares leaves much of the torque
-    unexplained, whatever the bodies: then lengths or axes are not the model's.  If it
-    leaves as little as in a right log, a load alone may be the cause.
-    """
-    unexplained, distance = least_misfit(as_is), _distance(as_is)
-    score = max(distance, 0.0) / _OTHER + unexplained / _UNEXPLAINED
-    if score > 1.0 and unexplained <= _AS_RIGHT:
-        # A load on a last link changes no length and no axis.
-        distance = min(distance, _distance_of_loaded(as_is))
-        score = max(distance, 0.0) / _OTHER + unexplained / _UNEXPLAINED
-    if score <= 1.0 or distance < _USUAL:
-        return []
-    return [
-        LogFinding(
-            "another robot",
-            "fault",
-            "model",
-            "the log does not look like this robot's: with clock, gain, zeros and base "
-            "free, bodies are "
-            f"{np.sqrt(max(distance, 0.0)):.2g} times as far from the nominal ones as "
-            f"usual, and bodies of any kind leave {unexplained:.1%} of each joint's "
-            "torque unexplained",
-            "check that model and log belong together, and the order of columns",
-            score,
-        )
-    ]
-
-
-def _distance(as_is: FactorLogs) -> float:
-    """Return the cost of nominal bodies for each base parameter, with free factors.
-
-    It is the squared distance in units of the widths: the smaller of that with all
-    factors, linearised, and that with the best factor, converged.  Factors of a size
-    that no fault of a right robot's log has do not count: the best one is at most
-    `FARTHEST`, and together they are pulled to none by a third of that.
-    """
-    factors = factors_of(as_is.model)
-    pull = np.diag([_PULLS / FARTHEST[f.kind] for f in factors])
-    costs = []
-    for nominal in (True, False):
-        system = factor_system(as_is, factors, nominal=nominal, scatter=False)
-        columns = np.vstack([system.whole[:, : len(factors)], pull])
-        values = np.append(system.whole[:, -1], np.zeros(len(factors)))
-        sizes = np.linalg.lstsq(columns, values, rcond=None)[0]
-        costs.append(float(np.sum((columns @ sizes - values) ** 2)))
-    linear = costs[0] - costs[1]
-    first = [f for f in _estimated(as_is, factors) if np.isfinite(f.error)]
-    best = max(first, key=lambda f: f.explained, default=None)
-    if best is not None:
-        most = FARTHEST[best.factor.kind]
-        size = float(np.clip(_converged(as_is, best).size, -most, most))
-        left, of_drives = least_costs(as_is.without(best.factor, size))
-        settled = left - of_drives
-        linear = min(linear, settled)
-    return linear / _inertial(as_is.model)
-
-
-def of_usual_size(as_is: FactorLogs) -> FactorLogs:
-    """Return logs with the torque in a unit in which it is as large as the model's."""
-    bodies = reference_bodies(as_is.model.robot).ravel()
-    A, torque = as_is.rows.columns, as_is.rows.torque
-    drawn = np.einsum("jps,p->js", A[:, : len(bodies)], bodies)
-    squares = np.array([np.mean(values**2, axis=1) for values in (torque, drawn)])
-    measured, model = np.maximum(np.sqrt(squares), 1e-300)
-    gain = next(f for f in factors_of(as_is.model) if f.where == "all joints")
-    return as_is.without(gain, float(np.median(np.log(measured / model))))
-
-
-def _distance_of_loaded(as_is: FactorLogs) -> float:
-    """Return the same with free loads on the last links, and without factors.
-
-    Bodies of all last links and all factors together would explain too much.  A last
-    link with less mass than none carries no load: infinite.
-    """
-    loaded, robot = replace(as_is, loaded=True), as_is.model.robot
-    masses = solution_of(loaded)[: 10 * len(robot.links) : 10]
-    last = {link.name for link in last_links(robot)}
-    ends = np.array([link.name in last for link in robot.links])
-    if masses[ends].min() < 0.0:
-        return float("inf")
-    left, of_drives = least_costs(loaded)
-    return (left - of_drives) / _inertial(as_is.model)
-
-
-def _inertial(model: TorqueModel) -> int:
+def body_parameters(model: TorqueModel) -> int:
     """Return the number of base parameters of bodies."""
     size = model.layout.inertial_size
     return sum(k < size for k in base_parameters(model).independent)

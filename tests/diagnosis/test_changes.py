@@ -8,7 +8,7 @@ from known_arm import logged
 
 from consistent_id import diagnose
 from consistent_id.diagnosis.changes import change_findings, changes
-from consistent_id.diagnosis.factor_rows import FactorLogs
+from consistent_id.diagnosis.factor_logs import FactorLogs
 
 
 def _changed(course, *, friction_only=False, seed=1):

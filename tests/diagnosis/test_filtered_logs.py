@@ -32,13 +32,13 @@ from consistent_id.diagnosis.explain import (
     fitted_log,
     thinned,
 )
-from consistent_id.diagnosis.factor_rows import FactorLogs, factors_of, least_misfit
+from consistent_id.diagnosis.factor_logs import FactorLogs, factors_of, least_misfit
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.joint_shifts import corrected_shifts
 from consistent_id.diagnosis.linearise import LEAST, linearised
 from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.torque_causes import lost_signs, residuals
-from consistent_id.diagnosis.torque_channel import torque_parts
+from consistent_id.diagnosis.torque_parts import torque_parts
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.robot.model import Link

@@ -13,7 +13,7 @@ from consistent_id import InertialParameters
 from consistent_id.diagnosis import all_logs, diagnose, free_clock, joint_shifts
 from consistent_id.diagnosis.encoder_scales import scale_instead
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
-from consistent_id.diagnosis.factor_rows import FactorLogs
+from consistent_id.diagnosis.factor_logs import FactorLogs
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.free_clock import (
     SURE,

@@ -21,7 +21,7 @@ from consistent_id.diagnosis.alternatives import (
     leaning_findings,
     turned_gravity,
 )
-from consistent_id.diagnosis.torque_channel import torque_parts
+from consistent_id.diagnosis.torque_parts import torque_parts
 from consistent_id.robot.model import Link
 
 _DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)

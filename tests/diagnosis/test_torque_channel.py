@@ -18,12 +18,8 @@ from consistent_id import (
 )
 from consistent_id.diagnosis import diagnose
 from consistent_id.diagnosis.sample_rows import SampleRows
-from consistent_id.diagnosis.torque_channel import (
-    channel_findings,
-    nominal_parts,
-    nothing_findings,
-    torque_parts,
-)
+from consistent_id.diagnosis.torque_channel import channel_findings, nothing_findings
+from consistent_id.diagnosis.torque_parts import nominal_parts, torque_parts
 from consistent_id.robot.model import Link
 
 _INERTIAS = [size * np.eye(3) for size in (0.1, 0.08, 0.05, 0.02)]

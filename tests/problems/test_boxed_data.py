@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from consistent_id import DriveTerms, TorqueModel, load_problem, load_robot
-from consistent_id.diagnosis.torque_channel import torque_parts
+from consistent_id.diagnosis.torque_parts import torque_parts
 from consistent_id.errors import ProblemError
 
 FOLDER = "problems/kuka_kr300"
