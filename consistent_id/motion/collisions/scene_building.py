@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.motion.collisions.bodies import Body, plane
-from consistent_id.motion.collisions.file_tree import file_tree
-from consistent_id.motion.collisions.hanging import hanging_bodies
+from consistent_id.motion.collisions.hanging import file_tree, hanging_bodies
 from consistent_id.motion.collisions.scene import (
     Pair,
     PairNote,
