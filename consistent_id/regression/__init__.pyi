@@ -26,9 +26,9 @@ from consistent_id.regression.rows.contact_maps import (
 )
 from consistent_id.regression.rows.generalised_forces import contact_jacobian
 from consistent_id.regression.rows.given_rows import GivenRows, given_rows
-from consistent_id.regression.rows.sensor_drift import SensorBias
 from consistent_id.regression.rows.sensor_rows import SensorRows
 from consistent_id.regression.rows.wrench_sensor import (
+    SensorBias,
     sensor_bias,
     sensor_motion,
     sensor_regression,
