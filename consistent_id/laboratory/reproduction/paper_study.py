@@ -23,7 +23,11 @@ from consistent_id.laboratory.from_problem import (
 from consistent_id.laboratory.reproduction.budget import PrintedSpread, printed_spread
 from consistent_id.laboratory.reproduction.error_analysis import (
     ErrorAnalysis,
+    Verification,
     analyse_errors,
+    mean_predictors,
+    verification_motions,
+    verify,
 )
 from consistent_id.laboratory.reproduction.experiments import (
     METHODS,
@@ -31,12 +35,6 @@ from consistent_id.laboratory.reproduction.experiments import (
     Reproduction,
     inertia_tables,
     perform_experiments,
-)
-from consistent_id.laboratory.reproduction.paper_verification import (
-    Verification,
-    mean_predictors,
-    verification_motions,
-    verify,
 )
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
