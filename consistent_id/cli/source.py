@@ -183,7 +183,7 @@ class Computed:
     @cached_property
     def record(self) -> dict[str, Any]:
         """The study as plain numbers and text."""
-        from consistent_id.report.study_record import study_record
+        from consistent_id.report.results_writing import study_record
 
         return study_record(self.study)
 

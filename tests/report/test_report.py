@@ -56,7 +56,7 @@ from consistent_id.report.markup import Html, grid, tag, text
 from consistent_id.report.page import SECTIONS
 from consistent_id.report.plot import buckets, extremes, packed
 from consistent_id.report.residuals_section import binned, residual_statistics
-from consistent_id.report.study_record import study_record
+from consistent_id.report.results_writing import study_record
 from consistent_id.report.summary import expected_lines, headline_tables, slack_table
 from consistent_id.robot.inertia import InertialParameters
 
