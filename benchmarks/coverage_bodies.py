@@ -36,7 +36,7 @@ from consistent_id.diagnosis.whole_robot import (
     gain_beside_bodies,
     whole_robot_factors,
 )
-from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.estimation.determination import FreeParameters, least_squares
 from consistent_id.estimation.uncertainties.block_scatter import (
     BLOCKS,
     BlockScatter,

@@ -26,7 +26,7 @@ from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table, brief
 from consistent_id.constraints import Constraint
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.estimation.determination import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.drive_torque import DriveCalibration
 from consistent_id.regression.correlated_noise import SHOWN, spectral_errors
