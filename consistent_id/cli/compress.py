@@ -50,7 +50,7 @@ def run_compress(options: argparse.Namespace) -> int:
     from consistent_id._support.tables import Table
     from consistent_id.fleet.stream import stream_regression
     from consistent_id.problems.loading import load_problem
-    from consistent_id.regression.regression_file import save_regression
+    from consistent_id.regression.given_regression import save_regression
 
     if not options.dry_run:
         require_writable_file(options.output)

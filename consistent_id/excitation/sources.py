@@ -22,8 +22,8 @@ from consistent_id.problems.robot_draft import ROBOT_ENDINGS, robot_draft
 from consistent_id.problems.statement import Statement
 from consistent_id.problems.task_tables import ExcitationTable, SceneTable
 from consistent_id.regression.base import base_parameters, require_same_model
+from consistent_id.regression.given_regression import load_regression
 from consistent_id.regression.regression import Regression
-from consistent_id.regression.regression_file import load_regression
 
 _LIMITS = (
     "velocity",
