@@ -44,12 +44,12 @@ from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.verification import Demands, demands
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.files import follow, write_trajectory
-from consistent_id.motion.files.controller_targets import (
+from consistent_id.motion.files.document import require_names
+from consistent_id.motion.files.robot_formats import (
     CYCLES,
     cycle_of,
     require_joints,
 )
-from consistent_id.motion.files.document import require_names
 from consistent_id.motion.files.trajectory_file import FORMAT_OF_ENDING
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem

@@ -15,7 +15,7 @@ from consistent_id._support.files import together, write_atomically
 from consistent_id._support.run import noted_interrupts
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import InfeasibleError, NotExcitedError, ProblemError
-from consistent_id.motion.files.ros import message_of
+from consistent_id.motion.files.robot_formats import message_of
 from consistent_id.motion.files.trajectory_file import csv_of
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regressor import TorqueModel

@@ -1,26 +1,45 @@
-"""ROS 2 ``trajectory_msgs/JointTrajectory`` messages, as YAML that is also JSON.
+"""Motions in the formats of robots: ROS 2 messages, and targets for controllers.
 
-One text is both: ROS tools read YAML 1.1, in which ``1e-05`` is a string, so numbers
-always have a point.
+ROS 2 ``trajectory_msgs/JointTrajectory`` messages are YAML that is also JSON: ROS tools
+read YAML 1.1, in which ``1e-05`` is a string, so numbers always have a point.
+
+Other controllers take one target in every cycle: tables for KUKA RSI and libfranka, and
+programs for Universal Robots.
 """
 
 import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
-from consistent_id._support.arrays import Matrix
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.extras import needed
-from consistent_id.errors import RecordingError
+from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.recordings.recording import Recording
 
 _BILLION = 1_000_000_000
 _CHANNELS = ("positions", "velocities", "accelerations")
+_JOINTS = {"rsi": 6, "franka": 7, "urscript": 6}
+# Decimals of rad or degrees; at 1 kHz, rounding causes a jerk 1e9 times as large
+_DIGITS = 12
+
+CYCLES: dict[str, tuple[float, ...]] = {
+    "urscript": (125.0, 500.0),
+    "rsi": (250.0, 1000.0 / 12.0),
+    "franka": (1000.0,),
+}
+"""Rates of formats [Hz]: of CB and e-Series, of RSI in 4 and in 12 ms, of libfranka."""
+
+_EQUAL = 1e-3  # relative tolerance of a rate, such as 83.3 for 1000 / 12
+
+_TO_START = "a=0.5, v=0.25"  # rad/s^2, rad/s: slow, since this path is not checked
+_TRACKING = "0.1, 300"  # lookahead time [s] and gain, the controller's own defaults
 
 
 class _Duration(msgspec.Struct):
@@ -140,3 +159,144 @@ def plain_yaml(content: bytes, where: Path) -> Any:
     if len(found) != 1:
         raise RecordingError(f"{where}: {len(found)} messages, expected one")
     return found[0]
+
+
+def require_joints(format: str, joints: int, where: str | Path) -> None:
+    """Refuse a robot whose number of joints a format does not support.
+
+    Parameters
+    ----------
+    format : str
+        One of a controller, such as ``"rsi"``; others support any number.
+    where : str or Path
+        Begins the message.
+
+    Raises
+    ------
+    ProblemError
+        With the number of joints and the expected one.
+    """
+    expected = _JOINTS.get(format, joints)
+    if joints != expected:
+        raise ProblemError(
+            f"{where}: {joints} joints, expected {expected}, as robots that read this "
+            f"format ({format}) have"
+        )
+
+
+class Targets(NamedTuple):
+    """Positions, shape (targets, joints), and seconds since the start."""
+
+    since: Vector
+    position: Matrix
+
+
+def urscript_of(path: JointPath, rate: float, where: Path) -> str:
+    """Return a program that moves to the start, and then follows a path by ``servoj``.
+
+    Each target holds for one cycle; the last one is the end of the path, at most a
+    cycle after the one before.  Targets are rounded to 1e-9 rad.
+
+    Raises
+    ------
+    ProblemError
+        If the robot has not six joints, or the rate is not 125 or 500 Hz.
+    """
+    require_joints("urscript", len(path.joints), where)
+    cycle = cycle_of("urscript", rate)
+    if cycle is None:
+        raise ProblemError(
+            f"{where}: rate is {rate:g} Hz, expected the controller's cycle: 125 "
+            "(CB series) or 500 (e-Series)"
+        )
+    rate = cycle
+    since, targets = targets_of(path, rate)
+    lines = [
+        "def consistent_id_motion():",
+        "  # consistent-id: motion",
+        f"  # joints {', '.join(path.joints)}",
+        f"  # {len(since)} targets, one every {1.0 / rate:g} s; time in seconds behind",
+        f"  movej({_list(targets[0])}, {_TO_START})",
+    ]
+    for time, target in zip(since, targets, strict=True):
+        command = f"servoj({_list(target)}, 0, 0, {1.0 / rate:g}, {_TRACKING})"
+        lines.append(f"  {command}  # {time:.3f}")
+    return "\n".join([*lines, "  stopj(1.0)", "end", ""])
+
+
+def rsi_of(path: JointPath, rate: float, where: Path) -> str:
+    """Return axis angles [degrees] for KUKA's Robot Sensor Interface, ``A1;...;A6``.
+
+    Raises
+    ------
+    ProblemError
+        If the robot has not six joints, or the rate is not 250 or 83.3 Hz.
+    """
+    rate = _required(path, rate, where, "rsi", "250 (4 ms) or 83.3 (12 ms)")
+    targets = np.degrees(targets_of(path, rate).position)
+    head = ";".join(f"A{k}" for k in range(1, len(path.joints) + 1))
+    what = "axis angles in degrees for KUKA RSI, in the signs of the robot's file"
+    return "\n".join([*_comments(path, rate, what), head, *_rows(targets, ";"), ""])
+
+
+def franka_of(path: JointPath, rate: float, where: Path) -> str:
+    """Return joint positions [rad] for libfranka's ``JointPositions``, by commas.
+
+    Raises
+    ------
+    ProblemError
+        If the robot has not seven joints, or the rate is not 1000 Hz.
+    """
+    rate = _required(path, rate, where, "franka", "1000")
+    what = "joint positions in rad for libfranka"
+    targets = targets_of(path, rate).position
+    return "\n".join([*_comments(path, rate, what), *_rows(targets, ","), ""])
+
+
+def _required(
+    path: JointPath, rate: float, where: Path, format: str, known: str
+) -> float:
+    require_joints(format, len(path.joints), where)
+    cycle = cycle_of(format, rate)
+    if cycle is None:
+        raise ProblemError(
+            f"{where}: rate is {rate:g} Hz, expected the controller's cycle: {known}"
+        )
+    return cycle
+
+
+def _comments(path: JointPath, rate: float, what: str) -> list[str]:
+    return [
+        f"# consistent-id: motion; {what}",
+        f"# joints {', '.join(path.joints)}; one row every {1e3 / rate:g} ms",
+    ]
+
+
+def _rows(targets: Matrix, comma: str) -> list[str]:
+    # Adding zero turns -0.0 into 0.0.
+    return [
+        comma.join(f"{value:.{_DIGITS}f}" for value in row)
+        for row in np.round(targets, _DIGITS) + 0.0
+    ]
+
+
+def cycle_of(format: str, rate: float) -> float | None:
+    """Return the controller's nearest rate, or None if there is none."""
+    near = (own for own in CYCLES[format] if abs(rate - own) <= _EQUAL * own)
+    return next(near, None)
+
+
+def targets_of(path: JointPath, rate: float) -> Targets:
+    """Return one target for each cycle.
+
+    The last one is the end of the path, at most a cycle after the one before.
+    """
+    cycles = int(np.ceil(path.duration * rate * (1.0 - 1e-12)))
+    since = np.minimum(np.arange(cycles + 1) / rate, path.duration)
+    (position,) = path.evaluate(path.start + since, derivatives=0)
+    return Targets(since, position)
+
+
+def _list(target: Matrix) -> str:
+    # Adding zero turns -0.0 into 0.0.
+    return f"[{', '.join(f'{value:.9f}' for value in np.round(target, 9) + 0.0)}]"
