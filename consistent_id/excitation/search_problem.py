@@ -22,7 +22,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.excitation.accuracy import earlier_rows
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.basis import FourierBasis, LimitRows, limit_rows
-from consistent_id.excitation.clear_starts import PathLimits, clear_start
+from consistent_id.excitation.clear_poses import PathLimits, clear_start
 from consistent_id.excitation.criteria import (
     Criterion,
     Objective,
