@@ -85,7 +85,7 @@ def run_fleet(options: argparse.Namespace) -> int:
 def _files(given: list[str]) -> list[Path]:
     """Return the problem files that paths and patterns stand for."""
     from consistent_id.errors import ProblemError
-    from consistent_id.problems.folder import problem_files
+    from consistent_id.problems.loading import problem_files
 
     files: list[Path] = []
     for text in given:

@@ -75,7 +75,7 @@ ROBOT_AND_LOAD = (
 
 def robot_without_load(options: argparse.Namespace) -> "Problem":
     """Return the robot without the load; from its results if these are named."""
-    from consistent_id.problems.folder import is_results
+    from consistent_id.problems.loading import is_results
     from consistent_id.report.results import open_results
 
     stated = statement(options).given

@@ -134,7 +134,7 @@ def each(
     file : bool
         Whether ``--output`` names a file; of several problems each has its own.
     """
-    from consistent_id.problems.folder import is_results
+    from consistent_id.problems.loading import is_results
 
     if options.log or is_results(options.problem):
         return show(options, answer_to(options))
@@ -269,7 +269,7 @@ def study_of(options: argparse.Namespace, source: "Opened") -> "Study":
 
 def stored(options: argparse.Namespace, folder: Path | None = None) -> "Results | None":
     """Return the results in a folder, if they were computed with the same options."""
-    from consistent_id.problems.folder import is_results
+    from consistent_id.problems.loading import is_results
 
     if options.log or not is_results(options.problem):
         return None

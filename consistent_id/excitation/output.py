@@ -53,7 +53,7 @@ from consistent_id.motion.files.robot_formats import (
 from consistent_id.motion.files.trajectory_file import FORMAT_OF_ENDING
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
-from consistent_id.report.figures import draw_figure
+from consistent_id.report.plot import draw_figure
 from consistent_id.robot.kinematics import link_places
 from consistent_id.robot.parameters import did_you_mean
 

@@ -12,8 +12,7 @@ from consistent_id._support.arrays import Matrix
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.file import read_problem_table
-from consistent_id.problems.folder import problem_files
-from consistent_id.problems.loading import problem_of, stated_problem
+from consistent_id.problems.loading import problem_files, problem_of, stated_problem
 from consistent_id.problems.overrides import overridden
 from consistent_id.problems.parameter_tables import ConstraintsTable
 from consistent_id.problems.paths import require_own_names

@@ -193,7 +193,7 @@ def _comparison(study: "Study", tables: Sequence[Table], folder: Path) -> list[P
 
 def _pictures(study: "Study", folder: Path) -> list[Path]:
     """Draw the torque of least squares and of the recommended estimate."""
-    from consistent_id.report.figures import motion_figure, torque_figure, write_figure
+    from consistent_id.report.plot import motion_figure, torque_figure, write_figure
 
     methods = (Method.LEAST_SQUARES, study.recommendation.method)
     shown = [e for e in study.estimates if e.method in methods]
@@ -214,7 +214,7 @@ def _pictures(study: "Study", folder: Path) -> list[Path]:
 def tables_of(name: str, opened: "Opened", study: "Study") -> list[Table]:
     """Return the text that a command prints about a study."""
     from consistent_id.diagnosis.findings import diagnosis_table
-    from consistent_id.problems.listing import problem_tables
+    from consistent_id.problems.loading import problem_tables
     from consistent_id.report.parameters_section import uncertainty_table
     from consistent_id.report.summary import identified_tables, study_tables
 

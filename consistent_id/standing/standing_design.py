@@ -23,7 +23,7 @@ from consistent_id.regression.rows.contact_free import (
     contact_free_model,
     contact_free_regression,
 )
-from consistent_id.report.figures import draw_figure
+from consistent_id.report.plot import draw_figure
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.parameters import did_you_mean
 from consistent_id.standing.forces_and_limits import (

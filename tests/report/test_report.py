@@ -512,7 +512,7 @@ def test_a_section_that_fails_loses_only_itself(
     [
         ("report.page.SECTIONS", ["report"], ()),
         ("rollout.rollout_page.rollout_section", ["report"], ()),
-        ("report.figures.motion_figure", ["compare"], ("motion.svg",)),
+        ("report.plot.motion_figure", ["compare"], ("motion.svg",)),
         ("report.summary._TABLES", ["compare"], ()),
     ],
 )
