@@ -20,7 +20,7 @@ from consistent_id._support.files import (
 )
 from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
-from consistent_id.excitation.aims import PathForm
+from consistent_id.excitation.aims import PathForm, parameters_named
 from consistent_id.excitation.design_record import (
     PROVEN,
     adjacent_words,
@@ -32,7 +32,6 @@ from consistent_id.excitation.design_record import (
 )
 from consistent_id.excitation.designed import PATH, SAMPLES, ExcitationDesign
 from consistent_id.excitation.html_replay import ShapesFile, write_replay
-from consistent_id.excitation.interest import parameters_named
 from consistent_id.excitation.playable import (
     TRAINING,
     VALIDATION,
