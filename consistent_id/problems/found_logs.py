@@ -18,6 +18,7 @@ from consistent_id.problems.nominal_gains import (
     LogRowsOfJoints,
     nominal_gains,
 )
+from consistent_id.problems.stated_model import base_question
 from consistent_id.problems.statement import (
     Statement,
 )
@@ -41,7 +42,7 @@ from consistent_id.recordings.sensor_words import (
     may_be_wrench,
     wrench_names,
 )
-from consistent_id.robot.chains import Selection, base_question
+from consistent_id.robot.chains import Selection
 from consistent_id.robot.loaders import load_robot
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean

@@ -16,7 +16,12 @@ from consistent_id.problems.overrides import overridden
 from consistent_id.problems.paths import require_own_names
 from consistent_id.problems.preparation import check_data
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.stated_model import assumed, behind_sensor, torque_model
+from consistent_id.problems.stated_model import (
+    assumed,
+    base_question,
+    behind_sensor,
+    torque_model,
+)
 from consistent_id.problems.statement import (
     Statement,
     statement_of,
@@ -25,7 +30,6 @@ from consistent_id.problems.statement import (
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.chains import base_question
 
 RESULTS = "results.json"
 """The file that marks a folder of results."""

@@ -106,7 +106,7 @@ PRINTED = {
     "report/residuals_section.py": "drift of a residual",
     "rollout/servo_result.py": "Parameters of a [servo]",
     "service/gain_check.py": "drive gains",
-    "service/weighing.py": "payload",
+    "service/load_quantities.py": "payload",
 }
 """Files that print a figure with its error, and where it is measured or discussed."""
 
