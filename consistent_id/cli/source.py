@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import Answer, answered, show, shows_progress
 from consistent_id.cli.options import Group, Option
-from consistent_id.problems.statement import Declaration, Part, declarations
+from consistent_id.problems.statement import declarations
+from consistent_id.problems.statement_words import Declaration, Part
 
 if TYPE_CHECKING:
     from consistent_id._support.tables import Table
