@@ -405,7 +405,7 @@ def _require_place(folder: Path, draft: str) -> None:
 def standing_answer(options: argparse.Namespace) -> Answer:
     """Design a motion on feet, and write it."""
     from consistent_id._support.files import require_writable
-    from consistent_id.standing.standing_design import (
+    from consistent_id.standing.standing_files import (
         NAMES,
         standing_record,
         standing_tables,

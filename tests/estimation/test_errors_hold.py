@@ -93,6 +93,7 @@ PRINTED = {
     "diagnosis/factor_findings.py": "clock, gain, lean",
     "diagnosis/torque_channel.py": "slope on nominal torque",
     "diagnosis/whole_robot.py": "gain of a joint",
+    "estimation/delayed_commands.py": "delay of commands",
     "estimation/determination.py": "Raw logs",
     "estimation/drive_calibration.py": "drive calibration",
     "estimation/payload.py": "payload",
