@@ -132,8 +132,7 @@ def design_trajectory(
     (True, 5.0)
     """
     began = clock.monotonic()
-    if not isinstance(model, TorqueModel):
-        model = TorqueModel(model)
+    model = model if isinstance(model, TorqueModel) else TorqueModel(model)
     measured = _measured(model, sensor)
     limits = motion_limits(model.robot) if limits is None else limits
     shares = _require_sensible(starts, time_limit, seed, workers)
