@@ -175,8 +175,8 @@ def scene_from_urdf(
     added = [*([] if ground is None else [plane(ground)]), *added]
 
     def connected(first: Body, second: Body) -> bool:
-        ends = (b.name if b.name in swept else b.frame or "" for b in (first, second))
-        return tree.connected(*ends, shaped)
+        ends = [b.name if b.name in swept else b.frame or "" for b in (first, second)]
+        return tree.connected(ends[0], ends[1], shaped)
 
     def with_hanging(left_out: Container[str]) -> Scene:
         others = [body for body in hanging.bodies if body.name not in left_out]
