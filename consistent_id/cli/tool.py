@@ -225,6 +225,7 @@ def _ring(signum: int, frame: FrameType | None) -> None:
 # A command is a file of this folder, imported when it is run or its help is shown.
 _FILES = {
     **dict.fromkeys(("demo", "help", "completion"), "shipped"),
+    "compress": "fleet",
     "gains": "payload",
     "lint": "repair",
 }  # of several commands
