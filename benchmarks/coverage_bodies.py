@@ -28,7 +28,7 @@ from consistent_id.diagnosis.factor_logs import LEAN, FactorLogs, factors_of, ga
 from consistent_id.diagnosis.factor_rows import Factor
 from consistent_id.diagnosis.torque_parts import torque_parts
 from consistent_id.diagnosis.whole_robot import gain_beside_bodies, whole_robot_factors
-from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.estimation.determination import FreeParameters, least_squares
 from consistent_id.estimation.uncertainties.block_scatter import (
     BLOCKS,
     BlockScatter,

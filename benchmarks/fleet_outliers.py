@@ -4,14 +4,14 @@
 
 Robots of 12 shared parameters differ along three directions, by no more than noise
 (scatter 0), somewhat more, or much more than noise.  One robot in each second fleet
-differs ten times as much.  From here comes `LEVEL` in ``fleet/outliers.py``.
+differs ten times as much.  From here comes `LEVEL` in ``fleet/fleet_result.py``.
 """
 
 import argparse
 
 import numpy as np
 
-from consistent_id.fleet.outliers import LEVEL, find_outliers
+from consistent_id.fleet.fleet_result import LEVEL, find_outliers
 
 _PARAMETERS, _DIRECTIONS, _ROWS = 12, 3, 120
 

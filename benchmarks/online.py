@@ -36,10 +36,9 @@ from consistent_id.service import (
     OnlineState,
     control_model,
 )
-from consistent_id.service.local_motion import local_motion
 from consistent_id.service.online_estimate import resolved
-from consistent_id.service.online_rows import blocks_of
 from consistent_id.service.residual_spread import SLOW
+from consistent_id.service.running_log import blocks_of, local_motion
 
 DATA = Path(os.environ["CONSISTENT_ID_DATASETS"])
 PREPARED = {"torque_delay": 0.0074}  # s; as the problem file states

@@ -19,7 +19,7 @@ from sysconfig import get_paths
 import numpy as np
 
 import consistent_id as ci
-from consistent_id.excitation.interest import base_for
+from consistent_id.excitation.aims import base_for
 from consistent_id.excitation.search_problem import search_problem
 from consistent_id.motion.collisions.scene_building import scene_from_urdf
 from consistent_id.robot.inertia import INERTIAL_NAMES

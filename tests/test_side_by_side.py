@@ -114,7 +114,7 @@ def test_an_interrupt_keeps_the_replicates_so_far(where, monkeypatch):
         yield count
 
     monkeypatch.setattr(
-        "consistent_id.estimation.uncertainties.parameter_uncertainty.counted",
+        "consistent_id.estimation.uncertainties.resampling.counted",
         impatient,
     )
     with running(Run(executor=where)) as run:

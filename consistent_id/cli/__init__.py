@@ -1,4 +1,4 @@
-"""The shell tool: a file per command, each with ``add_NAME`` and ``run_NAME``.
+"""The shell tool: a file per command or two, each with ``add_NAME`` and ``run_NAME``.
 
 ``add_NAME(commands)`` defines the options, ``run_NAME(options)`` runs the command and
 returns the exit code; `tool` lists the commands.

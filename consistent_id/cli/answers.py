@@ -85,7 +85,7 @@ def answered(
     int
         The highest exit code.
     """
-    from consistent_id.problems.folder import problem_files, results_or_file
+    from consistent_id.problems.loading import problem_files, results_or_file
 
     files = problem_files(options.problem)
     if opens and options.problem.is_dir():
@@ -244,7 +244,7 @@ def _each(
 ) -> int:
     """Work through several problems; one that fails does not stop the others."""
     from consistent_id.problems.file import read_problem_table
-    from consistent_id.problems.listing import require_distinct
+    from consistent_id.problems.loading import require_distinct
 
     codes, records, names = [], {}, []
     for source in files:

@@ -134,7 +134,7 @@ def add_compare(command: argparse.ArgumentParser) -> None:
 
 def run_compare(options: argparse.Namespace) -> int:
     """Compare; return the exit code."""
-    from consistent_id.problems.folder import is_results
+    from consistent_id.problems.loading import is_results
 
     folders = [options.problem, *options.log]
     if len(folders) > 1 and all(map(is_results, folders)):
@@ -164,7 +164,7 @@ def _side_by_side(options: argparse.Namespace, folders: list[Path]) -> Answer:
 
 def _compare(options: argparse.Namespace) -> Answer:
     from consistent_id.cli.source import Computed
-    from consistent_id.problems.folder import is_results
+    from consistent_id.problems.loading import is_results
     from consistent_id.report.results_writing import require_place
 
     own = options.problem if is_results(options.problem) else None

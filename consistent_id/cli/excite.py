@@ -196,7 +196,7 @@ def parameters(more: str = "") -> Option:
 
 def estimates(options: argparse.Namespace) -> list[Path]:
     """Return the files of estimates that are given, or that of a folder of results."""
-    from consistent_id.problems.folder import is_results, results_or_file
+    from consistent_id.problems.loading import is_results, results_or_file
     from consistent_id.report.results import DELIVERED, open_results
 
     folder = results_or_file(options.problem)
@@ -405,7 +405,7 @@ def _require_place(folder: Path, draft: str) -> None:
 def standing_answer(options: argparse.Namespace) -> Answer:
     """Design a motion on feet, and write it."""
     from consistent_id._support.files import require_writable
-    from consistent_id.standing.standing_design import (
+    from consistent_id.standing.standing_files import (
         NAMES,
         standing_record,
         standing_tables,

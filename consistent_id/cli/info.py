@@ -28,20 +28,20 @@ def add_info(command: argparse.ArgumentParser) -> None:
 
 def run_info(options: argparse.Namespace) -> int:
     """Show a problem, or list several; return the exit code."""
-    from consistent_id.problems.folder import is_results, problem_files
+    from consistent_id.problems.loading import is_results, problem_files
 
     one = options.log or is_results(options.problem)
     files = () if one else problem_files(options.problem)
     if len(files) < 2:
         return each(options, _info)
-    from consistent_id.problems.listing import list_problems
+    from consistent_id.problems.loading import list_problems
 
     table = list_problems(options.problem, files)
     return show(options, tables_answer([table], [asdict(table)]))
 
 
 def _info(options: argparse.Namespace) -> Answer:
-    from consistent_id.problems.listing import problem_tables
+    from consistent_id.problems.loading import problem_tables
 
     results = stored(options)
     if results is not None:

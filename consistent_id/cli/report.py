@@ -57,7 +57,7 @@ def run_report(options: argparse.Namespace) -> int:
 
 def _report(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable_file, write_atomically
-    from consistent_id.problems.folder import is_results
+    from consistent_id.problems.loading import is_results
     from consistent_id.report.results import REPORT
 
     stands = is_results(options.problem) and not options.log

@@ -1,7 +1,9 @@
-"""What the package brings with it: ``consistent-id demo`` and ``consistent-id help``.
+"""What the package brings with it: examples, documentation, a script for the shell.
 
-The first copies the example problems, the second prints a page of the documentation,
-the help of a command, or the meaning of a reason.
+``consistent-id demo`` copies the example problems; ``consistent-id help`` prints a page
+of the documentation, the help of a command, or the meaning of a reason;
+``consistent-id completion`` prints a script, written by shtab, that contains all names,
+so completion does not start Python.
 """
 
 import argparse
@@ -22,6 +24,15 @@ _DEMOS = """
 consistent-id demo
 consistent-id compare problems/rx60
 consistent-id compare problems/kuka_kr300
+"""
+
+_OF_COMPLETION = """Print a script that completes commands, options, choices and files:
+
+  bash   eval "$(consistent-id completion bash)"     in ~/.bashrc
+  zsh    eval "$(consistent-id completion zsh)"      in ~/.zshrc, after compinit
+  fish   consistent-id completion fish | source      in ~/.config/fish/config.fish"""
+_SHELLS = """
+consistent-id completion bash > ~/.local/share/bash-completion/completions/consistent-id
 """
 
 
@@ -211,3 +222,35 @@ def _pages() -> dict[str, Path]:
         f"{package / '_docs'} is missing; install the package again, or read docs/ of "
         "its source archive"
     )
+
+
+def add_completion(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
+    add_command(
+        command,
+        run_completion,
+        Option(
+            "shell",
+            "shell for which the script is printed",
+            choices=("bash", "zsh", "fish"),
+        ),
+        more=_OF_COMPLETION,
+        examples=_SHELLS,
+        reads=False,
+    )
+
+
+def run_completion(options: argparse.Namespace) -> int:
+    """Print a shell's script; return the exit code."""
+    import shtab
+
+    parser: Any = options.tool_parser()
+    (commands,) = parser._subparsers._group_actions
+    for command in commands.choices.values():
+        for action in command._actions:
+            if action.nargs != 0 and not action.choices:
+                action.complete = shtab.FILE
+    script = shtab.complete(parser, options.shell).rstrip()
+    name = "consistent_id completion 1"
+    record = {"format": name, "shell": options.shell, "script": script}
+    return show(options, Answer(0, script, record, whole=True))

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import Answer, answered, show, shows_progress
 from consistent_id.cli.options import Group, Option
-from consistent_id.problems.statement import Declaration, Part, declarations
+from consistent_id.problems.statement import declarations
+from consistent_id.problems.statement_words import Declaration, Part
 
 if TYPE_CHECKING:
     from consistent_id._support.tables import Table
@@ -134,7 +135,7 @@ def each(
     file : bool
         Whether ``--output`` names a file; of several problems each has its own.
     """
-    from consistent_id.problems.folder import is_results
+    from consistent_id.problems.loading import is_results
 
     if options.log or is_results(options.problem):
         return show(options, answer_to(options))
@@ -183,7 +184,7 @@ class Computed:
     @cached_property
     def record(self) -> dict[str, Any]:
         """The study as plain numbers and text."""
-        from consistent_id.report.study_record import study_record
+        from consistent_id.report.results_writing import study_record
 
         return study_record(self.study)
 
@@ -269,7 +270,7 @@ def study_of(options: argparse.Namespace, source: "Opened") -> "Study":
 
 def stored(options: argparse.Namespace, folder: Path | None = None) -> "Results | None":
     """Return the results in a folder, if they were computed with the same options."""
-    from consistent_id.problems.folder import is_results
+    from consistent_id.problems.loading import is_results
 
     if options.log or not is_results(options.problem):
         return None

@@ -223,7 +223,12 @@ def _ring(signum: int, frame: FrameType | None) -> None:
 
 
 # A command is a file of this folder, imported when it is run or its help is shown.
-_FILES = {"demo": "shipped", "help": "shipped"}  # of two commands
+_FILES = {
+    **dict.fromkeys(("demo", "help", "completion"), "shipped"),
+    "compress": "fleet",
+    "gains": "payload",
+    "lint": "repair",
+}  # of several commands
 _COMMANDS = {
     "init": "write a commented problem file for a robot, and a log if there is one",
     "info": "show a problem's robot, datasheet and base parameters",

@@ -10,11 +10,10 @@ from consistent_id.estimation.uncertainties.intervals import (
     consistent_intervals,
 )
 from consistent_id.estimation.uncertainties.parameter_uncertainty import (
-    Bootstrap,
     Uncertainty,
-    bootstrap,
     uncertainty,
 )
+from consistent_id.estimation.uncertainties.resampling import Bootstrap, bootstrap
 
 __all__ = [
     "Bootstrap",

@@ -322,11 +322,7 @@ def compare(
     require_types(estimates, Estimate, "estimates")
     require_types(training, Recording, "training")
     require_types(validation, Recording, "validation")
-    if not estimates:
-        raise ProblemError("no estimate to compare")
-    model = estimates[0].model
-    if any(e.model.fingerprint != model.fingerprint for e in estimates):
-        raise ProblemError("the estimates have different parameters, or are of others")
+    model = _one_model(estimates)
     poses = random_poses(model, POSES, seed)
     learnt, held_out = (
         [torque_errors(estimates, recording) for recording in recordings]
@@ -367,6 +363,22 @@ def _distances(estimate: Estimate) -> Vector:
     nominal = reference_bodies(estimate.model.robot)
     pairs = zip(estimate.links, nominal, strict=True)
     return np.array([pullback_distance(x, body) for x, body in pairs])
+
+
+def _one_model(estimates: Sequence[Estimate]) -> TorqueModel:
+    """Return the model of all estimates.
+
+    Raises
+    ------
+    ProblemError
+        If there is no estimate, or they are of several models.
+    """
+    if not estimates:
+        raise ProblemError("no estimate to compare")
+    model = estimates[0].model
+    if any(e.model.fingerprint != model.fingerprint for e in estimates):
+        raise ProblemError("the estimates have different parameters, or are of others")
+    return model
 
 
 def _tested(

@@ -16,12 +16,8 @@ from consistent_id.estimation.cross_validation import (
 )
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
 from consistent_id.estimation.cvxpy_problem import CvxpyProblem, to_cvxpy
-from consistent_id.estimation.drive_calibration import (
-    CalibrationFit,
-    CommandDelay,
-    command_delay,
-    fit_calibration,
-)
+from consistent_id.estimation.delayed_commands import CommandDelay, command_delay
+from consistent_id.estimation.drive_calibration import CalibrationFit, fit_calibration
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.gains import DriveGains, identify_gains

@@ -6,8 +6,7 @@ solved for (variable projection): ``tau = Y x + C e``, where the columns ``C`` a
 effect of a small change ``e`` of the calibration on both sides.  A prior keeps the
 calibration within realistic values.
 
-`command_delay` finds the delay alone, by a scan: the least misfit over the parameters
-is a function of it.
+`command_delay` finds the delay alone.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -26,7 +25,7 @@ from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table, brief
 from consistent_id.constraints import Constraint
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.estimation.determination import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.drive_torque import DriveCalibration
 from consistent_id.regression.correlated_noise import SHOWN, spectral_errors
@@ -41,7 +40,7 @@ UNKNOWNS = ("delay", "scale", "encoder_bias")
 
 _STEPS = 8  # Gauss-Newton steps; after the first, errors are a few per cent
 _SETTLED = 0.05  # of a standard error: a smaller step is the last
-_LATER = 1e-4  # s, by which commands are delayed to compute the effect of a delay
+LATER = 1e-4  # s, by which commands are delayed to compute the effect of a delay
 _TURNED = 1e-5  # rad or m, by which joints are moved to compute the effect of a bias
 
 DELAY_SPREAD = 0.03
@@ -59,14 +58,6 @@ identifiable: the data add less than a quarter of the prior's information.
 """
 
 _PART = 0.3  # share of a direction's largest entry from which another is part of it
-
-LONGEST = 0.03
-"""Longest delay that is tried [s]: six periods of a bus of 200 Hz, more than drives in
-a usable control loop have.
-"""
-
-_SCANNED = 6  # steps; the misfit is smooth, as commands are filtered like torque
-_HALVINGS = 3  # of the step around the least, each with two more delays
 
 
 @brief
@@ -316,7 +307,7 @@ class _CalibrationSearch:
         self, values: Vector, here: Sequence[Recording]
     ) -> Iterator[tuple[Motion, Motion]]:
         """Yield rows of each recording, and those with commands a little later."""
-        later = values + np.r_[_LATER, np.zeros(len(values) - 1)]
+        later = values + np.r_[LATER, np.zeros(len(values) - 1)]
         after = self.recordings(_calibration(later)) if self.wanted[0] else here
         for one, other in zip(here, after, strict=True):
             yield motion_of(self.model, one, None), motion_of(self.model, other, None)
@@ -334,7 +325,7 @@ class _CalibrationSearch:
             torque = np.einsum("jps,p->sj", Y, x)
             C = np.zeros((*torque.shape, 1 + 2 * n))
             if wanted[0]:
-                C[:, :, 0] = (moved.torque - delayed.torque) / _LATER
+                C[:, :, 0] = (moved.torque - delayed.torque) / LATER
             for j, joint in enumerate(model.robot.joint_names):
                 if wanted[1 + j] and joint in model.torque_joints:
                     row = model.torque_joints.index(joint)
@@ -374,151 +365,3 @@ def _turned(
     both = (model.predict(x, q + sign * change, dq, ddq) for sign in (1.0, -1.0))
     ahead, behind = both
     return np.asarray((ahead - behind) / (2.0 * _TURNED))
-
-
-@brief
-@dataclass(frozen=True, slots=True, eq=False)
-class CommandDelay:
-    """A delay of commands, and its standard error.
-
-    Parameters
-    ----------
-    seconds : float, [s]
-        Not below zero.
-    standard_error : float, [s]
-        For noise as correlated as the residuals, at the frequencies of the delay's
-        effect on the torque; infinite without curvature of the misfit.
-    tried : array_like, shape (delays,), [s]
-    misfits : array_like, shape (delays,)
-        Least weighted squared misfit at each delay, relative to the smallest.
-    """
-
-    seconds: float
-    standard_error: float
-    tried: Vector
-    misfits: Vector
-
-    def __post_init__(self) -> None:
-        shapes = {"tried": (None,), "misfits": (None,)}
-        freeze_arrays(self, shapes, "delay of commands")
-
-    def table(self) -> Table:
-        """Return the delay, and the misfit at all tried delays, for people."""
-        order = np.argsort(self.tried)
-        return Table(
-            f"Commands are late by {1e3 * self.seconds:.2f} +- "
-            f"{1e3 * self.standard_error:.2f} ms",
-            ("delay [ms]", "misfit over the least"),
-            tuple(
-                (f"{1e3 * self.tried[i]:.3g}", f"{self.misfits[i]:.4f}") for i in order
-            ),
-            (
-                "the interval is 1 standard error, for this model of friction. It does "
-                "not contain the error of interpolating commands between samples",
-            ),
-        )
-
-
-def command_delay(
-    model: TorqueModel,
-    recordings: Callable[[float], Sequence[Recording]],
-    *,
-    constraints: Sequence[Constraint] = (),
-    longest: float = LONGEST,
-) -> CommandDelay:
-    """Estimate the delay with which commands reach the drives.
-
-    Parameters
-    ----------
-    model : TorqueModel
-    recordings : callable
-        Function from a delay [s] to prepared recordings with the torque of commands
-        with that delay; see `commanded`.
-    constraints : sequence of Constraint
-        Only their equalities are used, such as known bodies and equal motors.
-    longest : float, [s]
-
-    Raises
-    ------
-    RecordingError
-        If the recordings cannot be used.
-    """
-    free = FreeParameters.of(constraints, model)
-    built = {0.0: build_regression(model, recordings(0.0))}
-    sigma = joint_noise(model, built[0.0])
-
-    def misfit(delay: float) -> float:
-        if delay not in built:
-            built[delay] = build_regression(model, recordings(delay), noise=False)
-        return free.misfit(built[delay].weighted(sigma))
-
-    step = longest / _SCANNED
-    for delay in np.arange(1, _SCANNED + 1) * step:
-        misfit(float(delay))
-    best = min(built, key=misfit)
-    for _ in range(_HALVINGS):
-        step /= 2.0
-        near = [d for d in (best - step, best + step) if 0.0 <= d <= longest]
-        best = min((best, *near), key=misfit)
-    # Far from the delay, residuals are mostly its own error, which is correlated.
-    built[best] = build_regression(model, recordings(best))
-    sigma = joint_noise(model, built[best])
-    seconds, bend = _parabola(best, step, longest, misfit)
-    tried = np.array(list(built))
-    misfits = np.array([misfit(delay) for delay in built])
-    later = recordings(best + _LATER)
-    error = _delay_error(model, recordings(best), later, sigma, free)
-    return CommandDelay(
-        seconds=min(max(seconds, 0.0), longest),
-        standard_error=error if bend > 0.0 else np.inf,
-        tried=tried,
-        misfits=misfits / misfits.min(),
-    )
-
-
-def _delay_error(
-    model: TorqueModel,
-    here: Sequence[Recording],
-    later: Sequence[Recording],
-    sigma: Vector,
-    free: FreeParameters,
-) -> float:
-    """Return the standard error of the delay beside all free parameters.
-
-    Parameters
-    ----------
-    here, later : sequence of Recording
-        With the torque of commands at the delay found, and `_LATER` after it.
-    sigma : ndarray, shape (joints,)
-        Each joint's noise.
-    """
-    parts, rows, total = [], 0, 0
-    for one, other in zip(here, later, strict=True):
-        whole, late = motion_of(model, one, None), motion_of(model, other, None)
-        first = max(len(whole.q) - SHOWN, 0) // 2
-        shown, delayed = (m.samples(first, first + SHOWN) for m in (whole, late))
-        effect = (delayed.torque - shown.torque) / _LATER
-        rows, total = rows + len(shown.q), total + len(whole.q)
-        parts += [
-            np.column_stack([Y.T @ free.directions, c, t - Y.T @ free.start]) / s
-            for Y, c, t, s in zip(
-                shown.regressor(model), effect.T, shown.torque.T, sigma, strict=True
-            )
-        ]
-    # What is not shown is like what is.
-    return float(spectral_errors(parts)[-1] * np.sqrt(rows / total))
-
-
-def _parabola(
-    best: float, step: float, longest: float, misfit: Callable[[float], float]
-) -> tuple[float, float]:
-    """Return the lowest point, and the second derivative, of a parabola near a delay.
-
-    It goes through the best delay and its neighbours; at either end, through the next
-    ones.
-    """
-    middle = min(max(best, step), longest - step)
-    low, centre, high = (misfit(middle + k * step) for k in (-1, 0, 1))
-    bend = (low - 2.0 * centre + high) / step**2
-    slope = (high - low) / (2.0 * step)
-    return (middle - slope / bend, bend) if bend > 0.0 else (best, bend)

@@ -1,25 +1,31 @@
 """An estimate with its provenance: method, data, certificate and verdict."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.extras import pandas
 from consistent_id._support.files import write_json
 from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import Table, brief
-from consistent_id.constraints.cones.certificate import Certificate, OptimumVerdict
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.constraints.delivered_bodies import link_conditions, robot_size
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.determination import SMALL, origin_text
 from consistent_id.estimation.estimate_file import (
+    BASE_COLUMNS,
     FORMAT,
+    PARAMETER_COLUMNS,
+    EstimatedValues,
+    base_records,
+    base_rows,
+    error_notes,
     finite_or_none,
+    parameter_frame,
+    parameter_records,
+    parameter_rows,
     read_estimate,
 )
 from consistent_id.estimation.estimate_plot import draw_torque, torque_curves
@@ -40,7 +46,7 @@ from consistent_id.regression.mass_matrix import (
     random_poses,
 )
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import NORMAL, residual_sigma, width_text
+from consistent_id.regression.residual_noise import residual_sigma
 from consistent_id.regression.segments import (
     merged,
     segment_regressions,
@@ -52,14 +58,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from consistent_id.estimation.uncertainties.parameter_uncertainty import Uncertainty
-
-
-ERRORS = (
-    "standard error: for noise as correlated as the residuals, and the prior's bias; "
-    "uncertainty (--uncertainty) also includes the scatter between recordings; - where "
-    "the data do not determine the parameter"
-)
-"""A description of `Estimate.parameter_errors`, for people."""
 
 
 @brief
@@ -243,45 +241,40 @@ class Estimate:
 
         NaN where the data do not determine a parameter, as in `parameter_errors`.
         """
-        return _half_intervals(self.parameter_errors, self.parameter_quantiles)
+        return self._standard.half_intervals
 
     @property
     def base_half_intervals(self) -> Vector | None:
         """Half of the 95 % intervals of the base parameters, shape (base,)."""
-        return _half_intervals(self.standard_errors, self.base_quantiles)
+        return self._combined.half_intervals
 
     @property
     def error_texts(self) -> tuple[str, ...]:
         """`parameter_errors` for people: a dash where there is none."""
-        errors = self.parameter_errors
-        if errors is None:
-            return ("-",) * len(self.parameters)
-        return tuple(f"{e:.2g}" if np.isfinite(e) else "-" for e in errors)
+        return self._standard.error_texts
 
     @property
     def origin_texts(self) -> tuple[str, ...]:
         """`origins` for people: small where the data do not determine the value."""
-        errors, quantiles = self.parameter_errors, self.parameter_quantiles
-        if errors is None:
-            return self.origins
-        quantiles = np.full(len(errors), NORMAL) if quantiles is None else quantiles
-        each = zip(self.origins, self.parameters, errors, quantiles, strict=True)
-        return tuple(origin_text(o, x, e, q) for o, x, e, q in each)
+        return self._standard.origin_texts(self.origins)
 
     @property
     def error_notes(self) -> tuple[str, ...]:
         """The meaning of `error_texts` and of the words in `origin_texts`."""
-        small = any(text.startswith("small") for text in self.origin_texts)
-        return (ERRORS, *self._width_notes, *([SMALL] if small else []))
+        return error_notes(self._standard, self.origin_texts)
 
     @property
-    def _width_notes(self) -> tuple[str, ...]:
-        """How wide intervals are, if they are wider than those of known errors."""
-        if self.parameter_errors is None or self.parameter_quantiles is None:
-            return ()
-        known = np.isfinite(self.parameter_errors) & (self.parameter_errors > 0.0)
-        text = width_text(self.parameter_quantiles[known])
-        return (text,) if text else ()
+    def _standard(self) -> EstimatedValues:
+        """The standard parameters, with their errors."""
+        errors, quantiles = self.parameter_errors, self.parameter_quantiles
+        return EstimatedValues(self.parameters, errors, quantiles)
+
+    @property
+    def _combined(self) -> EstimatedValues:
+        """The base parameters, with their errors."""
+        return EstimatedValues(
+            self.base_values, self.standard_errors, self.base_quantiles
+        )
 
     @property
     def links(self) -> Array:
@@ -437,47 +430,15 @@ class Estimate:
         only these; else the standard parameters, with the source of each value.
         """
         verdict = self.verdict
-        title = verdict.sentence
         optimum = f"optimum {self.certificate.verdict}: {self.certificate.reason}"
         notes = (*verdict.lines, optimum, *self.notes)
-        units, errors = self.model.layout.units, self.standard_errors
-        if errors is None:
-            return Table(
-                title,
-                ("parameter", "value", "standard error", "unit", "determined by"),
-                tuple(
-                    (name, f"{value:.6g}", error, unit, origin)
-                    for name, value, error, unit, origin in zip(
-                        self.model.layout.names,
-                        self.parameters,
-                        self.error_texts,
-                        units,
-                        self.origin_texts,
-                        strict=True,
-                    )
-                ),
-                (*notes, *self.error_notes)
-                if self.parameter_errors is not None
-                else notes,
-            )
-        return Table(
-            title,
-            ("base parameter, led by", "value", "standard error", "unit"),
-            tuple(
-                (name, f"{value:.6g}", f"{error:.2g}", units[i])
-                for name, value, error, i in zip(
-                    self.base.names,
-                    self.base_values,
-                    errors,
-                    self.base.independent,
-                    strict=True,
-                )
-            ),
-            (
-                *notes,
-                *(f"not identifiable: {text}" for text in self.undetermined),
-            ),
-        )
+        if self.standard_errors is None:
+            notes += self.error_notes if self.parameter_errors is not None else ()
+            rows = parameter_rows(self._standard, self.model.layout, self.origin_texts)
+            return Table(verdict.sentence, PARAMETER_COLUMNS, rows, notes)
+        notes += tuple(f"not identifiable: {text}" for text in self.undetermined)
+        rows = base_rows(self._combined, self.base)
+        return Table(verdict.sentence, BASE_COLUMNS, rows, notes)
 
     def to_frame(self) -> "DataFrame":
         """Return the standard parameters as a pandas data frame.
@@ -495,18 +456,7 @@ class Estimate:
         ProblemError
             If pandas is not installed.
         """
-        layout, errors = self.model.layout, self.parameter_errors
-        half = self.half_intervals
-        frame = pandas().DataFrame(
-            {
-                "value": self.parameters,
-                "standard_error": np.nan if errors is None else errors,
-                "half_interval": np.nan if half is None else half,
-                "unit": list(layout.units),
-                "determined_by": list(self.origins),
-            },
-            index=pandas().Index(layout.names, name="parameter"),
-        )
+        frame = parameter_frame(self._standard, self.model.layout, self.origins)
         frame.attrs = {"method": self.method, "verdict": self.verdict.word}
         return frame
 
@@ -517,14 +467,15 @@ class Estimate:
         """
         figures = {k: finite_or_none(v) for k, v in self.certificate.figures.items()}
         sigma = zip(self.model.torque_joints, self.sigma.tolist(), strict=True)
+        layout = self.model.layout
         return {
             "format": FORMAT,
             "robot": self.model.robot.name,
             "method": self.method,
             **self.verdict.to_dict(),
             "certificate": {**asdict(self.certificate), "figures": figures},
-            "parameters": self._parameter_records,
-            "base_parameters": self._base_records,
+            "parameters": parameter_records(self._standard, layout, self.origins),
+            "base_parameters": base_records(self._combined, self.base),
             "undetermined": list(self.undetermined),
             "sigma": dict(sigma),
             "notes": list(self.notes),
@@ -532,31 +483,6 @@ class Estimate:
             "fit": None if self.fit is None else self.fit.to_dict(),
             "fitted_to": [span._asdict() for span in self.fitted_to],
         }
-
-    @property
-    def _parameter_records(self) -> dict[str, dict[str, Any]]:
-        """Standard parameters as plain numbers and text, by name."""
-        layout = self.model.layout
-        sure = _sure_records(
-            self.parameters, self.parameter_errors, self.half_intervals
-        )
-        each = zip(layout.names, sure, layout.units, self.origins, strict=True)
-        return {
-            name: {**record, "unit": unit, "origin": origin}
-            for name, record, unit, origin in each
-        }
-
-    @property
-    def _base_records(self) -> list[dict[str, Any]]:
-        """Base parameters as plain numbers and text."""
-        sure = _sure_records(
-            self.base_values, self.standard_errors, self.base_half_intervals
-        )
-        each = zip(self.base.names, sure, self.base.groupings, strict=True)
-        return [
-            {"name": name, **record, "grouping": grouping}
-            for name, record, grouping in each
-        ]
 
     def save(self, path: str | Path) -> Path:
         """Write `to_dict` as JSON; the file is complete or not written.
@@ -585,61 +511,26 @@ class Estimate:
             If the file is not an estimate of this model.
         """
         record = read_estimate(Path(path), model)
-        certificate, entries = record.certificate, record.parameters.values()
-        errors = np.array(
-            [nan if e.standard_error is None else e.standard_error for e in entries]
-        )
-        half = np.array(
-            [nan if e.half_interval is None else e.half_interval for e in entries]
-        )
-        stated = np.isfinite(half) & (errors > 0.0)
-        quantiles = np.where(stated, half, NORMAL) / np.where(stated, errors, 1.0)
-        spans = (FittedSpan(s.recording, s.start, s.stop) for s in record.fitted_to)
+        found = record.values()
         return cls(
             method=record.method,
             model=model,
             base=base,
-            parameters=np.array([entry.value for entry in entries]),
+            parameters=found.values,
             base_covariance=None,
-            origins=tuple(entry.origin for entry in entries),
+            origins=tuple(entry.origin for entry in record.parameters.values()),
             undetermined=tuple(record.undetermined),
             sigma=np.array([record.sigma[j] for j in model.torque_joints]),
-            certificate=Certificate(
-                cast(OptimumVerdict, certificate.verdict),
-                certificate.reason,
-                certificate.known_figures,
-            ),
+            certificate=record.certificate.value(),
             notes=tuple(record.notes),
             seconds=record.seconds,
             fit=record.fit_value(),
             accepted=tuple(record.accepted),
             judged=record.verdict_value(),
-            fitted_to=tuple(spans),
-            parameter_errors=errors if np.isfinite(errors).any() else None,
-            parameter_quantiles=quantiles if stated.any() else None,
+            fitted_to=record.spans(),
+            parameter_errors=found.errors,
+            parameter_quantiles=found.quantiles,
         )
-
-
-def _sure_records(
-    values: Vector, errors: Vector | None, half: Vector | None
-) -> Iterator[dict[str, float | None]]:
-    """Yield each value with its standard error and half of its interval."""
-    unknown = np.full(len(values), np.nan)
-    errors = unknown if errors is None else errors
-    half = unknown if half is None else half
-    for value, error, width in zip(values, errors, half, strict=True):
-        yield {
-            "value": float(value),
-            "standard_error": finite_or_none(error),
-            "half_interval": finite_or_none(width),
-        }
-
-
-def _half_intervals(errors: Vector | None, quantiles: Vector | None) -> Vector | None:
-    """Return half of 95 % intervals, in which errors are known without quantiles."""
-    if errors is None:
-        return None
-    return np.asarray(errors * (NORMAL if quantiles is None else quantiles))
 
 
 def torque_errors(

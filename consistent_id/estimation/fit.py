@@ -336,13 +336,8 @@ def fit_of(
     regression, rank = free.regression, free.solution.rank
     counts = np.array(regression.counts, dtype=np.float64)
     size = np.maximum(regression.torque_rms, np.finfo(float).tiny)
-    inertial = model.layout.inertial_size
-    of_drives = np.arange(len(x)) >= inertial
-    terms = model.column_terms  # none of a sensor's offsets
-    rubs = np.zeros(len(x), dtype=np.bool_)
-    rubs[inertial : inertial + len(terms)] = [
-        t.friction and t.nonnegative for t in terms
-    ]
+    of_drives = np.arange(len(x)) >= model.layout.inertial_size
+    rubs = _friction_columns(model)
     residual = regression.residual_rms(x)
     least = regression.residual_rms(free.parameters)
     effective = np.nan if regression.noise is None else regression.effective.sum()
@@ -382,6 +377,14 @@ def fit_of(
         holding=holding(model, x, moving),
         prior_errors=by_prior,
     )
+
+
+def _friction_columns(model: TorqueModel) -> BoolArray:
+    """Return which parameters are coefficients of friction, shape (parameters,)."""
+    terms = model.column_terms  # none of a sensor's offsets
+    start, rubs = model.layout.inertial_size, np.zeros(len(model.layout), np.bool_)
+    rubs[start : start + len(terms)] = [t.friction and t.nonnegative for t in terms]
+    return rubs
 
 
 def _excess(

@@ -210,34 +210,26 @@ def identify_payload(
         # From now on, gear friction depends on the load
         fitted = _fitted(robot, runs, weighted)
     regression, free = fitted
-    correlation = correlation_length(
-        list(robot.residuals(free.parameters, *runs)), regression.sigma
-    )
+    residuals = list(robot.residuals(free.parameters, *runs))
     of_joints = _gain_covariance(gain_errors, len(model.torque_joints))
     slopes = gain_slopes(regression, robot.base)
-    of_gains = slopes @ of_joints @ slopes.T
-    scatter = _scatter(robot, regression, free, of_gains)
-    error = float(np.sqrt(scatter.covariance[0, 0]))
-    _require_weight(InertialParameters(free.parameters[robot.load_slice]), error)
+    scatter = _scatter(robot, regression, free, slopes @ of_joints @ slopes.T)
+    carried = InertialParameters(free.parameters[robot.load_slice])
+    _require_weight(carried, float(np.sqrt(scatter.covariance[0, 0])))
     estimate = constrained_least_squares(
         robot.model,
         regression,
-        constraints=[
-            *(OfBareRobot(constraint, robot) for constraint in constraints),
-            OfLoad(PhysicalConsistency(), load.name),
-            *datasheet_constraints(load),
-            *load_constraints,
-        ],
+        constraints=_of_both(robot, load, constraints, load_constraints),
         prior=prior,
         base=robot.base,
         method="payload",
     )
     return Payload(
         body=InertialParameters(estimate.parameters[robot.load_slice]),
-        free=InertialParameters(free.parameters[robot.load_slice]),
+        free=carried,
         covariance=scatter.covariance,
         quantile=scatter.quantile,
-        correlation=correlation,
+        correlation=correlation_length(residuals, regression.sigma),
         gain_errors=np.sqrt(np.diag(of_joints)),
         robot=robot,
         estimate=estimate,
@@ -280,6 +272,21 @@ def datasheet_constraints(load: Link) -> list[Constraint]:
         low, high = sheet.com_box.tolist()
         known.append(CentreOfMassBoxes({load.name: (low, high)}))
     return known
+
+
+def _of_both(
+    robot: LoadedRobot,
+    load: Link,
+    constraints: Sequence[Constraint],
+    load_constraints: Sequence[Constraint],
+) -> list[Constraint]:
+    """Return the constraints of a robot and of the load that it carries."""
+    return [
+        *(OfBareRobot(constraint, robot) for constraint in constraints),
+        OfLoad(PhysicalConsistency(), load.name),
+        *datasheet_constraints(load),
+        *load_constraints,
+    ]
 
 
 def _require_weight(free: InertialParameters, error: float) -> None:

@@ -58,10 +58,8 @@ _FINE = (1e-11, 1e-12)  # tolerances at which multipliers are computed again
 # Of the search for the weight that uses up the slack:
 _WEIGHTS = 30  # weights of the prior tried, at most,
 _UNPROVEN = 5  # and without a certified fit in a row: the next proves no more
-# Logarithm of the first weight over the slack: typical end for real logs
-_FIRST = -12.0
-# Slope of the used share over the weight, in logarithms, near the solution
-_SLOPE = 1.2
+_FIRST = -12.0  # logarithm of the first weight over the slack; typical of real logs
+_SLOPE = 1.2  # of the used share over the weight, in logarithms, near the solution
 _STEEPEST = 2.0  # the same far below: the effect of a weak prior grows with its square
 _PATIENCE = 3  # steps in one direction, after which they grow twofold each
 _WIDE = 0.3  # width of a bracket in which interpolation may go astray
@@ -391,9 +389,7 @@ def nearest_within(
         if closest is None or found.excess < closest.excess:
             closest = found
         if excess <= allowed:
-            short = (allowed - excess) / weight + found.distance_gap
-            gap = short / max(found.squared_distance, _SMALL)
-            now = NearestFit(found, slack, gap, allowed)
+            now = _near(found, excess, slack, allowed)
             if kept is None or (certified and now.distance_gap < kept.distance_gap):
                 kept = now
             if kept.distance_gap <= DISTANCE_GAP or unproven >= _UNPROVEN:
@@ -432,13 +428,17 @@ def _finer(
     excess = found.excess - least
     if excess > kept.allowed:
         return kept
-    short = (kept.allowed - excess) / found.weight + found.distance_gap
-    now = replace(
-        kept,
-        fit=found,
-        distance_gap=short / max(found.squared_distance, _SMALL),
-    )
+    now = _near(found, excess, kept.slack, kept.allowed)
     return min(kept, now, key=lambda near: near.distance_gap)
+
+
+def _near(
+    found: PenalisedFit, excess: float, slack: float, allowed: float
+) -> NearestFit:
+    """Return a fit with the proof of its distance, given its use of the slack."""
+    short = (allowed - excess) / found.weight + found.distance_gap
+    gap = short / max(found.squared_distance, _SMALL)
+    return NearestFit(found, slack, gap, allowed)
 
 
 class _WeightedPoint(NamedTuple):
@@ -470,9 +470,8 @@ class _WeightSearch:
             step = min(step * 2.0 ** max(len(tried) - _PATIENCE, 0), _STEP)
             if high is None:
                 step = max(step, abs(here.used) / _STEEPEST)
-            return _WeightSearch(
-                self.log_weight + (step if high is None else -step), tried
-            )
+            further = step if high is None else -step
+            return _WeightSearch(self.log_weight + further, tried)
         width = high.weight - low.weight
         widths = (*self.widths, width)
         if len(widths) > 2 and width > max(0.5 * widths[-3], _WIDE):

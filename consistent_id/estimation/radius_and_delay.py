@@ -26,7 +26,7 @@ from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
 from consistent_id.errors import RecordingError
-from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.estimation.determination import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.recordings.signals.clocks import cubic_spline, own_rate
 from consistent_id.recordings.signals.filtered_rows import altered

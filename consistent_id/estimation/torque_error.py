@@ -23,9 +23,10 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.regression import torque_along
 from consistent_id.regression.drive.laws import AsymmetricCoulomb, Coulomb
 from consistent_id.regression.drive.term import DriveTerm, JointSamples
-from consistent_id.regression.motion_arrays import Motion, motion_of, unknown_rows
+from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.rows.contact_maps import unknown_rows
 
 AT_REST = 0.05
 """Share of samples in motion below which a joint's friction is hardly identifiable:

@@ -14,7 +14,7 @@ import numpy as np
 from consistent_id._support.arrays import BoolArray, Vector, freeze_arrays
 from consistent_id._support.tables import Table, brief
 from consistent_id.constraints import Constraint
-from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.estimation.determination import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.drive_torque import stiffness_of
 from consistent_id.regression.correlated_noise import SHOWN, spectral_errors

@@ -17,8 +17,7 @@ from consistent_id._support.arrays import Matrix, Vector, checked
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import NotExcitedError, ProblemError
-from consistent_id.excitation.aims import Aim
-from consistent_id.excitation.interest import places_of_interest
+from consistent_id.excitation.aims import Aim, places_of_interest
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.base import (

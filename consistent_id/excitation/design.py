@@ -25,10 +25,9 @@ from consistent_id.excitation.accuracy import (
     relative_accuracy,
     with_default_noise,
 )
-from consistent_id.excitation.aims import Aim, PathForm, forms_to_try
+from consistent_id.excitation.aims import Aim, PathForm, base_for, forms_to_try
 from consistent_id.excitation.clear_poses import clear_poses
 from consistent_id.excitation.designed import ExcitationDesign, Stage
-from consistent_id.excitation.interest import base_for
 from consistent_id.excitation.search_problem import SearchProblem, search_problem
 from consistent_id.excitation.searches import Lanes
 from consistent_id.excitation.stages import COMPARED, DesignSearch, compared_paths
@@ -133,8 +132,7 @@ def design_trajectory(
     (True, 5.0)
     """
     began = clock.monotonic()
-    if not isinstance(model, TorqueModel):
-        model = TorqueModel(model)
+    model = model if isinstance(model, TorqueModel) else TorqueModel(model)
     measured = _measured(model, sensor)
     limits = motion_limits(model.robot) if limits is None else limits
     shares = _require_sensible(starts, time_limit, seed, workers)

@@ -20,7 +20,7 @@ from consistent_id._support.files import (
 )
 from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
-from consistent_id.excitation.aims import PathForm
+from consistent_id.excitation.aims import PathForm, parameters_named
 from consistent_id.excitation.design_record import (
     PROVEN,
     adjacent_words,
@@ -32,7 +32,6 @@ from consistent_id.excitation.design_record import (
 )
 from consistent_id.excitation.designed import PATH, SAMPLES, ExcitationDesign
 from consistent_id.excitation.html_replay import ShapesFile, write_replay
-from consistent_id.excitation.interest import parameters_named
 from consistent_id.excitation.playable import (
     TRAINING,
     VALIDATION,
@@ -44,16 +43,16 @@ from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.verification import Demands, demands
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.files import follow, write_trajectory
-from consistent_id.motion.files.controller_targets import (
+from consistent_id.motion.files.document import require_names
+from consistent_id.motion.files.robot_formats import (
     CYCLES,
     cycle_of,
     require_joints,
 )
-from consistent_id.motion.files.document import require_names
 from consistent_id.motion.files.trajectory_file import FORMAT_OF_ENDING
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
-from consistent_id.report.figures import draw_figure
+from consistent_id.report.plot import draw_figure
 from consistent_id.robot.kinematics import link_places
 from consistent_id.robot.parameters import did_you_mean
 

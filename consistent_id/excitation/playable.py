@@ -21,7 +21,7 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.basis import FourierBasis, limit_rows
-from consistent_id.excitation.clear_starts import PathLimits, clear_start
+from consistent_id.excitation.clear_poses import PathLimits, clear_start
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.proven_moves import Playing, ProvenMove, proven_move

@@ -10,9 +10,8 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ConsistentIdError, ProblemError
-from consistent_id.excitation.aims import Aim, PathForm, forms_to_try
+from consistent_id.excitation.aims import Aim, PathForm, forms_to_try, interest_names
 from consistent_id.excitation.criteria import Objective
-from consistent_id.excitation.interest import interest_names
 from consistent_id.excitation.verification import FRICTION_SHARE
 from consistent_id.motion.collisions.bodies import (
     Body,

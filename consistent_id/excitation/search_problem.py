@@ -20,9 +20,9 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.accuracy import earlier_rows
-from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.aims import Aim, PathForm, places_of_interest
 from consistent_id.excitation.basis import FourierBasis, LimitRows, limit_rows
-from consistent_id.excitation.clear_starts import PathLimits, clear_start
+from consistent_id.excitation.clear_poses import PathLimits, clear_start
 from consistent_id.excitation.criteria import (
     Criterion,
     Objective,
@@ -33,7 +33,6 @@ from consistent_id.excitation.criteria import (
     scaled,
 )
 from consistent_id.excitation.guards import Guard
-from consistent_id.excitation.interest import places_of_interest
 from consistent_id.excitation.kernels import RegressorKernel, slow_speeds
 from consistent_id.excitation.verification import robot_limits
 from consistent_id.excitation.work import Costs, Meter, search_costs

@@ -12,8 +12,7 @@ from consistent_id._support.arrays import Matrix
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.file import read_problem_table
-from consistent_id.problems.folder import problem_files
-from consistent_id.problems.loading import problem_of, stated_problem
+from consistent_id.problems.loading import problem_files, problem_of, stated_problem
 from consistent_id.problems.overrides import overridden
 from consistent_id.problems.parameter_tables import ConstraintsTable
 from consistent_id.problems.paths import require_own_names
@@ -22,8 +21,8 @@ from consistent_id.problems.robot_draft import ROBOT_ENDINGS, robot_draft
 from consistent_id.problems.statement import Statement
 from consistent_id.problems.task_tables import ExcitationTable, SceneTable
 from consistent_id.regression.base import base_parameters, require_same_model
+from consistent_id.regression.given_regression import load_regression
 from consistent_id.regression.regression import Regression
-from consistent_id.regression.regression_file import load_regression
 
 _LIMITS = (
     "velocity",

@@ -41,8 +41,7 @@ from consistent_id.fleet.fleet_model import (
     shared_constraints,
     write_share,
 )
-from consistent_id.fleet.fleet_result import Fleet, FleetRobot
-from consistent_id.fleet.outliers import Outliers, find_outliers
+from consistent_id.fleet.fleet_result import Fleet, FleetRobot, Outliers, find_outliers
 from consistent_id.fleet.payloads import (
     FREE,
     CarriedBody,
@@ -55,7 +54,7 @@ from consistent_id.fleet.payloads import (
 )
 from consistent_id.fleet.settling import StoredRobot, held_rows, own_fits, settle
 from consistent_id.fleet.stream import obstacle, stream_regression
-from consistent_id.problems.listing import require_distinct
+from consistent_id.problems.loading import require_distinct
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.robot_preparation import regression_of
 from consistent_id.problems.stated_model import datasheet_of

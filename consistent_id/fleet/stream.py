@@ -5,7 +5,7 @@ allows it; logs that need it are read whole, if they are small enough.
 """
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 import msgspec
 import numpy as np
 
-from consistent_id._support.arrays import IntArray, Matrix, Vector
+from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import Executor, single_threaded, tree_reduced
 from consistent_id._support.progress import counted, stages
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
@@ -25,12 +25,13 @@ from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.torque_error import TorqueError, stacked_of_kinds
+from consistent_id.fleet.log_survey import survey
 from consistent_id.fleet.windows import (
     KeptRows,
     KeptWindows,
     kept_rows,
+    middle_rows,
     prepared_stretches,
-    survey,
 )
 from consistent_id.problems.file import DataTable, PreparationTable, RecordingTable
 from consistent_id.problems.log_entries import columns_of, require_rows, rows_of
@@ -46,8 +47,7 @@ from consistent_id.recordings.readers.recording_file import (
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.correlated_noise import SHOWN
-from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.motion_arrays import Motion, motion_of, whole_counts
+from consistent_id.regression.motion_arrays import motion_of, whole_counts
 from consistent_id.regression.regression import Regression, build_regression, with_noise
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
@@ -154,7 +154,7 @@ def _streamed(
             middles += [motion_of(model, middle, None) for middle in found]
             samples += rows
         elif any(rows):
-            middles.append(_middle(model, part, rows))
+            middles.append(middle_rows(model, part, rows))
             samples.append(sum(rows))
             # Windows are rounded together, as the recording is that they are of.
             windows = [one.stood_for for one in own if one.stood_for is not None]
@@ -300,85 +300,6 @@ def _kept(source: _StreamedLog, executor: Executor) -> Iterator[KeptRows]:
             first = max(first, whole.stretch.sample_at(*begin, after=False))
             last = whole.stretch.sample_at(*end, after=True)
         yield kept_rows(whole, first, last, executor)
-
-
-def _middle(model: TorqueModel, rows: KeptRows, counts: Sequence[int]) -> "RowsInTurn":
-    """Return the rows in the middle, by which correlated noise is known.
-
-    Parameters
-    ----------
-    counts : sequence of int
-        Rows of each window.
-    """
-    ends = np.cumsum(counts)
-    shown = min(int(ends[-1]), SHOWN)
-    start = (int(ends[-1]) - shown) // 2
-    first = int(np.searchsorted(ends, start, side="right"))
-    last = int(np.searchsorted(ends, start + shown))
-    windows = KeptWindows(rows, tuple(rows.cuts[first : last + 1]))
-    parts = (part for part in windows.recordings() if part is not None)
-    motions = tuple(motion_of(model, part, None) for part in parts)
-    start -= int(ends[first]) - counts[first]
-    return RowsInTurn(motions).samples(start, start + shown)
-
-
-@dataclass(frozen=True, eq=False)
-class RowsInTurn:
-    """Rows of consecutive windows as those of one recording.
-
-    Parameters
-    ----------
-    motions : tuple of Motion
-    """
-
-    motions: tuple[Motion, ...]
-
-    @property
-    def q(self) -> Matrix:
-        """Positions, shape (rows, joints)."""
-        return np.concatenate([motion.q for motion in self.motions])
-
-    @property
-    def dq(self) -> Matrix:
-        """Velocities, shape (rows, joints)."""
-        return np.concatenate([motion.dq for motion in self.motions])
-
-    @property
-    def mixed(self) -> bool:
-        """See `Motion.mixed`."""
-        return any(motion.mixed for motion in self.motions)
-
-    def samples(self, start: int, stop: int) -> "RowsInTurn":
-        """Return consecutive rows."""
-        parts, first = [], 0
-        for motion in self.motions:
-            low, high = max(start - first, 0), min(stop - first, len(motion.q))
-            if low < high:
-                parts.append(motion.samples(low, high))
-            first += len(motion.q)
-        return RowsInTurn(tuple(parts))
-
-    def counts(self) -> IntArray:
-        """See `Motion.counts`."""
-        return whole_counts(np.sum([m.stood_for() for m in self.motions], axis=0))
-
-    def noise_lost(self) -> Vector:
-        """See `Motion.noise_lost`; windows are of robots on a fixed base."""
-        return self.motions[0].noise_lost()
-
-    def rows(
-        self, model: TorqueModel, kept: Sequence[IntArray]
-    ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
-        """See `Motion.rows`."""
-        first = 0
-        for motion in self.motions:
-            for part, blocks in motion.rows(model, kept):
-                yield slice(first + part.start, first + part.stop), blocks
-            first += len(motion.q)
-
-    def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
-        """See `Motion.drive_columns`."""
-        return np.vstack([m.drive_columns(terms, joint, row) for m in self.motions])
 
 
 @single_threaded

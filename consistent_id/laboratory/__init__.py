@@ -8,19 +8,21 @@ the robot does, `consistent_id.laboratory.reproduction` reproduces a published s
 
 from consistent_id.laboratory.closed_loop import (
     Controller,
+    Encoders,
     SimulatedRobot,
     controlled,
     with_friction,
 )
 from consistent_id.laboratory.experiment import (
+    Cameras,
     ExperimentLog,
     Laboratory,
+    LoadCell,
     SynchronisedLog,
     perform,
     synchronised,
 )
 from consistent_id.laboratory.inverse_kinematics import TaskPath, follow
-from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell
 from consistent_id.laboratory.writing_tasks import Orientation, Writer, WritingTask
 
 OneClock = SynchronisedLog  # the earlier names

@@ -10,10 +10,16 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Vector, freeze, freeze_arrays, frozen
+from consistent_id._support.arrays import (
+    Array,
+    Vector,
+    array_default,
+    freeze,
+    freeze_arrays,
+    frozen,
+)
 from consistent_id._support.tables import brief
 from consistent_id.errors import ModelError, ProblemError, SolverError
-from consistent_id.laboratory.sensors import Encoders
 from consistent_id.recordings.recording import Recording, states
 from consistent_id.recordings.signals.clocks import uniform_rate
 from consistent_id.regression.casadi_rows import casadi_regressor
@@ -33,6 +39,34 @@ _POSES = 200  # random poses at which the mass matrix must be positive definite
 _TICKS = 1000  # per call of the compiled loop
 _FRICTION_POSES = 50  # samples of the motion at which friction is checked
 _STABLE = 2.5  # of Runge-Kutta's fourth order: steps over time constants, up to 2.78
+
+
+@brief
+@dataclass(frozen=True, slots=True, eq=False)
+class Encoders:
+    """Joint positions, rounded to whole steps, on the controller's clock.
+
+    Parameters
+    ----------
+    step : array_like, shape () or (joints,), [rad or m]
+        Step of a reading; zero for an encoder without steps.
+    """
+
+    step: Vector = array_default(0.0)
+
+    def __post_init__(self) -> None:
+        freeze(self, step=one_or_each(self.step, "encoders: step"))
+
+
+def one_or_each(values: ArrayLike, what: str) -> Vector:
+    """Return numbers of 0 or more, one for all joints or one each."""
+    array = frozen(values, (None,) * np.ndim(values), what)
+    if array.ndim > 1 or (array < 0.0).any():
+        raise ProblemError(
+            f"{what} is {array.tolist()}, expected numbers of 0 or more, one for all "
+            "joints or one each"
+        )
+    return array
 
 
 class ControllerGains(NamedTuple):

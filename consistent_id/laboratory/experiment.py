@@ -8,11 +8,16 @@ from typing import Self
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Array, Vector, array_default, freeze, frozen
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
-from consistent_id.laboratory.closed_loop import Controller, SimulatedRobot, controlled
-from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell
+from consistent_id.laboratory.closed_loop import (
+    Controller,
+    Encoders,
+    SimulatedRobot,
+    controlled,
+    one_or_each,
+)
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.derivatives import differentiated
 from consistent_id.recordings.signals.filters import low_passed
@@ -23,6 +28,83 @@ from consistent_id.recordings.signals.tracks import (
     estimate_delay,
     track,
 )
+
+
+@brief
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadCell:
+    """Joint torques, on the encoders' clock, ``torque + offset + white noise``.
+
+    Parameters
+    ----------
+    noise : array_like, shape () or (joints,), [N m or N]
+        Standard deviation.
+    offset : array_like, shape () or (joints,), [N m or N]
+    """
+
+    noise: Vector = array_default(0.0)
+    offset: Vector = array_default(0.0)
+
+    def __post_init__(self) -> None:
+        freeze(self, noise=one_or_each(self.noise, "load cell: noise"))
+        offset = frozen(self.offset, (None,) * np.ndim(self.offset), "offset")
+        freeze(self, offset=offset)
+
+    def reads(self, torque: Array, rng: np.random.Generator) -> Array:
+        """Return its readings of torques, shape (samples, joints)."""
+        return torque + self.offset + self.noise * rng.normal(size=torque.shape)
+
+
+@brief
+@dataclass(frozen=True, slots=True, eq=False)
+class Cameras:
+    """Joint positions and accelerations, on a clock of their own.
+
+    The stamp of time ``t`` is ``(1 + drift) t + delay``.  Accelerations are second
+    differences of true positions from picture to picture, with noise of their own: what
+    shakes faster than pictures are taken is averaged, not folded back.
+
+    Parameters
+    ----------
+    rate : float, [Hz]
+        By their own clock.
+    delay : float, [s]
+        By which stamps come late; early if below zero.
+    drift : float
+        Relative error of their clock's rate.
+    position_noise : array_like, shape () or (joints,), [rad or m]
+        Standard deviation.
+    acceleration_noise : array_like, shape () or (joints,), [rad/s^2 or m/s^2]
+        Standard deviation.
+    """
+
+    rate: float = 300.0
+    delay: float = 0.0
+    drift: float = 0.0
+    position_noise: Vector = array_default(0.0)
+    acceleration_noise: Vector = array_default(0.0)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.rate < np.inf:
+            raise ProblemError(f"cameras: rate is {self.rate} Hz, expected more than 0")
+        if not abs(self.delay) < np.inf:
+            raise ProblemError(f"cameras: delay is {self.delay} s")
+        if not abs(self.drift) < 0.1:
+            raise ProblemError(
+                f"cameras: drift is {self.drift}, expected a relative error of the "
+                "clock, such as 1e-5"
+            )
+        for name in ("position_noise", "acceleration_noise"):
+            values = one_or_each(getattr(self, name), f"cameras: {name}")
+            freeze(self, **{name: values})
+
+    def stamps(self, start: float, stop: float) -> tuple[Vector, Vector]:
+        """Return true times of the pictures between two, and their stamps, [s]."""
+        first, last = ((1.0 + self.drift) * t + self.delay for t in (start, stop))
+        count = int(np.floor((last - first) * self.rate * (1.0 + 1e-12))) + 1
+        stamps = first + np.arange(count) / self.rate
+        times = (stamps - self.delay) / (1.0 + self.drift)
+        return np.clip(times, start, stop), stamps
 
 
 @brief

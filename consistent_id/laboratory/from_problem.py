@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import frozen
 from consistent_id.errors import ProblemError
-from consistent_id.laboratory.closed_loop import Controller, with_friction
+from consistent_id.laboratory.closed_loop import Controller, Encoders, with_friction
 from consistent_id.laboratory.curves import (
     Curve,
     bulb,
@@ -17,9 +17,8 @@ from consistent_id.laboratory.curves import (
     helix,
     through_points,
 )
-from consistent_id.laboratory.experiment import Laboratory
+from consistent_id.laboratory.experiment import Cameras, Laboratory, LoadCell
 from consistent_id.laboratory.inverse_kinematics import TaskPath, follow
-from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell
 from consistent_id.laboratory.writing_tasks import Writer, WritingTask
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.task_tables import (

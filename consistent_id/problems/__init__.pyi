@@ -1,7 +1,6 @@
 from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
-from consistent_id.problems.listing import load_problems
-from consistent_id.problems.loading import load_problem
+from consistent_id.problems.loading import load_problem, load_problems
 from consistent_id.problems.opening import identify_log
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.problem_estimates import identify

@@ -21,10 +21,12 @@ from consistent_id.problems.draft_reading import (
 from consistent_id.problems.draft_rows import moving_rows
 from consistent_id.problems.floating.floating_draft import standing_draft
 from consistent_id.problems.found_logs import RobotLogs
-from consistent_id.problems.given_logs import GivenLog, GivenLogs, given_logs
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.overrides import StatedDrive
 from consistent_id.problems.robot_logs import (
+    GivenLog,
+    GivenLogs,
+    given_logs,
     robot_logs,
     with_options,
     with_remedies,

@@ -18,11 +18,15 @@ from consistent_id.problems.nominal_gains import (
     LogRowsOfJoints,
     nominal_gains,
 )
+from consistent_id.problems.stated_model import base_question
 from consistent_id.problems.statement import (
     Statement,
 )
-from consistent_id.recordings.channel_clocks import require_one_clock
-from consistent_id.recordings.column_guess import ColumnGuess, guess_columns
+from consistent_id.recordings.column_guess import (
+    ColumnGuess,
+    guess_columns,
+    require_one_clock,
+)
 from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.mixed_columns import require_torque
@@ -33,12 +37,12 @@ from consistent_id.recordings.readers.named_arrays import require_gain
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.used_rows import NoValueError
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.wrench_words import (
+from consistent_id.recordings.sensor_words import (
     WrenchNames,
     may_be_wrench,
     wrench_names,
 )
-from consistent_id.robot.chains import Selection, base_question
+from consistent_id.robot.chains import Selection
 from consistent_id.robot.loaders import load_robot
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean

@@ -27,7 +27,8 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import require_known
 
 if TYPE_CHECKING:
-    from consistent_id.estimation.drive_calibration import CalibrationFit, CommandDelay
+    from consistent_id.estimation.delayed_commands import CommandDelay
+    from consistent_id.estimation.drive_calibration import CalibrationFit
     from consistent_id.estimation.transmission_springs import JointSprings
 
 
@@ -322,11 +323,8 @@ def found_drives(
     ProblemError, RecordingError
         If the file or its recordings cannot be used.
     """
-    from consistent_id.estimation.drive_calibration import (
-        UNKNOWNS,
-        command_delay,
-        fit_calibration,
-    )
+    from consistent_id.estimation.delayed_commands import command_delay
+    from consistent_id.estimation.drive_calibration import UNKNOWNS, fit_calibration
     from consistent_id.estimation.transmission_springs import joint_springs
 
     gains = None if data is None else gains_of_drives(data)

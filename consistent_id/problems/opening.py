@@ -17,7 +17,7 @@ from consistent_id.problems.statement import Statement, with_keywords_of_a_state
 # to be opened.
 if TYPE_CHECKING:
     from consistent_id.problems.draft import Draft
-    from consistent_id.problems.given_logs import GivenLog
+    from consistent_id.problems.robot_logs import GivenLog
     from consistent_id.problems.study import Study
 
 

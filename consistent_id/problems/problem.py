@@ -57,7 +57,7 @@ def _ends(amplitude: float | Sequence[float]) -> tuple[float, float]:
 
 
 if TYPE_CHECKING:
-    from consistent_id.estimation.drive_calibration import CommandDelay
+    from consistent_id.estimation.delayed_commands import CommandDelay
     from consistent_id.problems.preparation import Log
     from consistent_id.problems.robot_preparation import FoundInTraining
     from consistent_id.recordings.signals.drive_torque import DriveCalibration, PDGains

@@ -1,22 +1,26 @@
 """Logs of a robot that has no problem file, and the options that they need.
 
-A message proposes all options at once: they are tried before it is shown.
+Logs are files, tables in memory or recordings.  A message proposes all options at once:
+they are tried before it is shown.  Units that the numbers show are among them: a clock
+in milliseconds or positions in degrees would show only in the diagnosis, after the next
+command, and gains of currents that they imply would be wrong.
 """
 
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from consistent_id._support.arrays import Vector
+from consistent_id._support.files import local_path
+from consistent_id.diagnosis.clock import clock_unit
+from consistent_id.diagnosis.findings import FoundUnit
+from consistent_id.diagnosis.wrong_units import travel_unit
 from consistent_id.errors import ModelError, ProblemError, RecordingError
 from consistent_id.problems.found_logs import RobotLogs, found_logs, read_logs
-from consistent_id.problems.needed_units import (
-    joined_options,
-    needed_unit,
-)
 from consistent_id.problems.nominal_gains import (
     NominalGains,
     implied_gains,
@@ -29,18 +33,122 @@ from consistent_id.problems.statement import (
 )
 from consistent_id.recordings.column_proposals import GAINS
 from consistent_id.recordings.log_formats import LOG_FORMATS
-from consistent_id.recordings.readers.data_frames import ColumnTable
+from consistent_id.recordings.readers.data_frames import ColumnTable, as_wide_table
 from consistent_id.recordings.readers.printed_messages import is_element
 from consistent_id.recordings.readers.text_files import encoding_of
 from consistent_id.recordings.readers.units import COUNTS, RATE
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import unwrapped
+from consistent_id.robot.model import RobotModel
+
+GivenLog = str | Path | ColumnTable | Recording
+"""A log: a file; a data frame, an Arrow table or a mapping of arrays; a recording."""
+
+_COLUMNS = {
+    "position": "q",
+    "velocity": "dq",
+    "torque": "tau",
+    "position_command": "q_des",
+}
+_BESIDE = ("base", "wrenches", "contacts", "torque_known")
 
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
 _HEAD = 1_000  # characters of a file that show what it is
 _MOST_REMEDIES = 4
 _WHOLE = 0.8  # of a turn: a jump by a whole one
 _STEADY = 1.0  # rad, between samples that do not jump
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GivenLogs:
+    """Logs by path; a table in memory has a made-up path.
+
+    Parameters
+    ----------
+    tables : mapping of Path to ColumnTable
+        Tables in memory, with a row for each instant.
+    notes : tuple of str
+        Sentences on tables that had a row for each joint and instant.
+    """
+
+    training: tuple[Path, ...]
+    validation: tuple[Path, ...]
+    tables: Mapping[Path, ColumnTable]
+    notes: tuple[str, ...] = ()
+
+
+def given_logs(
+    training: GivenLog | Sequence[GivenLog], validation: GivenLog | Sequence[GivenLog]
+) -> GivenLogs:
+    """Return logs by path; tables in memory are numbered in their order.
+
+    Raises
+    ------
+    ProblemError
+        If there is none to learn from, or one is given twice.
+    RecordingError
+        If a recording has signals that a table of joints does not have.
+    """
+    roles = [_several(training), _several(validation)]
+    if not roles[0]:
+        raise ProblemError("no training log, expected at least one")
+    every = [log for logs in roles for log in logs]
+    names = {id(log): _path(log, number) for number, log in enumerate(every, 1)}
+    _require_distinct([names[id(log)] for log in every])
+    found = {
+        names[id(log)]: as_wide_table(_table(log), str(names[id(log)]))
+        for log in every
+        if not _is_file(log)
+    }
+    tables = {path: table for path, (table, _) in found.items()}
+    notes = tuple(note for _, note in found.values() if note)
+    first, second = (tuple(names[id(log)] for log in logs) for logs in roles)
+    return GivenLogs(first, second, tables, notes)
+
+
+def _several(logs: GivenLog | Sequence[GivenLog]) -> tuple[GivenLog, ...]:
+    """Return logs as a tuple; a data frame is one log, though it is iterable."""
+    return tuple(logs) if isinstance(logs, list | tuple) else (logs,)
+
+
+def _is_file(log: GivenLog) -> bool:
+    return isinstance(log, str | Path)
+
+
+def _path(log: GivenLog, number: int) -> Path:
+    return local_path(log) if isinstance(log, str | Path) else Path(f"log-{number}")
+
+
+def _table(log: GivenLog) -> ColumnTable:
+    return _columns_of(log) if isinstance(log, Recording) else cast(ColumnTable, log)
+
+
+def _columns_of(log: Recording) -> dict[str, Vector]:
+    """Return a recording's arrays by names of columns."""
+    beside = [name for name in _BESIDE if _is_there(getattr(log, name))]
+    if beside:
+        raise RecordingError(
+            f"{log.name}: has {', '.join(beside)}, which a call without a problem file "
+            "does not know; build_regression and identify take such recordings"
+        )
+    table = {"time": log.time}
+    for channel, word in _COLUMNS.items():
+        if (values := getattr(log, channel)) is not None:
+            for joint, column in zip(log.joints, values.T, strict=True):
+                table[f"{word}_{joint}"] = column
+    return table
+
+
+def _is_there(value: object) -> bool:
+    return value is not None and not (isinstance(value, tuple) and not value)
+
+
+def _require_distinct(every: Sequence[Path]) -> None:
+    for file in every:
+        if every.count(file) > 1:
+            raise ProblemError(
+                f"{file} is given twice; a log is for training or for validation"
+            )
 
 
 def robot_logs(
@@ -243,3 +351,44 @@ def _has_elements(log: Path) -> bool:
             return is_element(file.read(_HEAD))
     except (OSError, UnicodeDecodeError):
         return False
+
+
+def needed_unit(
+    robot: RobotModel, log: Recording, stated: Statement
+) -> FoundUnit | None:
+    """Return the unit of the clock or of positions that is not the stated one.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        With the log's joints, in their order.
+    stated : Statement
+        Channels whose units are stated are not examined.
+    """
+    units = stated.units or {}
+    found = None if "time" in units else clock_unit(log)
+    if found is None and "position" not in units:
+        return travel_unit(robot, log)
+    return found
+
+
+def joined_options(options: Sequence[str]) -> str:
+    """Return options as one text, in which each has all its values.
+
+    Examples
+    --------
+    >>> joined_options(["--units time=ms --lock a", "--units deg"])
+    '--units time=ms deg --lock a'
+    """
+    values: dict[str, list[str]] = {}
+    name = ""
+    for word in shlex.split(" ".join(options)):
+        if word.startswith("--"):
+            name = word
+            values.setdefault(name, [])
+        else:
+            values[name].append(word)
+    return " ".join(
+        " ".join([name, *map(shlex.quote, each)]).strip()
+        for name, each in values.items()
+    )

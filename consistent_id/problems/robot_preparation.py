@@ -31,13 +31,13 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import NORMAL
 from consistent_id.regression.rows.contact_free import contact_free_model
 from consistent_id.regression.rows.contact_maps import without_slip
-from consistent_id.regression.rows.sensor_drift import (
+from consistent_id.regression.rows.wrench_sensor import (
     Drift,
     bias_along,
+    carried,
     driftless_regression,
     driftless_segments,
 )
-from consistent_id.regression.rows.wrench_sensor import carried
 from consistent_id.regression.segments import segment_regressions
 from consistent_id.robot.model import RobotModel
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.problems import statement_words as words
+from consistent_id.problems.statement_words import Declaration, Part
 
 if TYPE_CHECKING:
     from consistent_id.recordings.readers.units import Units
@@ -22,45 +23,8 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 R = TypeVar("R")
 
-Part = Literal["robot", "log", "base", "model", "selection"]
-"""Part that a field describes.  A selection has no key, because a problem file contains
-its result.
-"""
-
 EVERY = ""
 """Stands for all logs, in place of a log's name."""
-
-
-@dataclass(frozen=True, slots=True)
-class Declaration:
-    """The forms in which one field of `Statement` is stated.
-
-    Parameters
-    ----------
-    part : {"robot", "log", "base", "model", "selection"}
-    usage : str
-        The option in the form of `Option`, such as ``--lock JOINT ...``.
-    text : str
-        One sentence, with the unit and the default.
-    key : str
-        The key in the problem file, such as ``model.locked``; empty if it has none.
-    read : callable
-        Function from the words of the option to the value.
-    choices : tuple of str
-        Words that the option accepts, if only these.
-    """
-
-    part: Part
-    usage: str
-    text: str
-    key: str = ""
-    read: Callable[[Any], Any] = str
-    choices: tuple[str, ...] = ()
-
-    @property
-    def option(self) -> str:
-        """The option's name, such as ``--lock``."""
-        return self.usage.split()[0]
 
 
 def _said(*declared: Any, default: Any = None, **more: Any) -> Any:

@@ -1,9 +1,13 @@
-"""Readers from words of the shell to values of a `Statement`, one for each kind."""
+"""How a field of a `Statement` is declared, and read from words of the shell.
+
+There is one reader for each kind of value.
+"""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from consistent_id.errors import ProblemError
 
@@ -13,6 +17,43 @@ if TYPE_CHECKING:
 
 Names = str | Sequence[str]
 """The name of one array, or the names of columns."""
+
+Part = Literal["robot", "log", "base", "model", "selection"]
+"""Part that a field describes.  A selection has no key, because a problem file contains
+its result.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Declaration:
+    """The forms in which one field of `Statement` is stated.
+
+    Parameters
+    ----------
+    part : {"robot", "log", "base", "model", "selection"}
+    usage : str
+        The option in the form of `Option`, such as ``--lock JOINT ...``.
+    text : str
+        One sentence, with the unit and the default.
+    key : str
+        The key in the problem file, such as ``model.locked``; empty if it has none.
+    read : callable
+        Function from the words of the option to the value.
+    choices : tuple of str
+        Words that the option accepts, if only these.
+    """
+
+    part: Part
+    usage: str
+    text: str
+    key: str = ""
+    read: Callable[[Any], Any] = str
+    choices: tuple[str, ...] = ()
+
+    @property
+    def option(self) -> str:
+        """The option's name, such as ``--lock``."""
+        return self.usage.split()[0]
 
 
 def positive(usage: str) -> Callable[[str], float]:

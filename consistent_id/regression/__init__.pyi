@@ -8,8 +8,13 @@ from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm, JointSamples, ShapeParameter
 from consistent_id.regression.friction_shapes import shapes_of, with_shapes
+from consistent_id.regression.given_regression import (
+    GivenRows,
+    given_rows,
+    load_regression,
+    save_regression,
+)
 from consistent_id.regression.regression import Regression, build_regression
-from consistent_id.regression.regression_file import load_regression, save_regression
 from consistent_id.regression.regressor import TorqueModel, joint_torque_regressor
 from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.row_names import BASE_ROWS
@@ -25,10 +30,9 @@ from consistent_id.regression.rows.contact_maps import (
     without_slip,
 )
 from consistent_id.regression.rows.generalised_forces import contact_jacobian
-from consistent_id.regression.rows.given_rows import GivenRows, given_rows
-from consistent_id.regression.rows.sensor_drift import SensorBias
 from consistent_id.regression.rows.sensor_rows import SensorRows
 from consistent_id.regression.rows.wrench_sensor import (
+    SensorBias,
     sensor_bias,
     sensor_motion,
     sensor_regression,

@@ -1,15 +1,17 @@
-"""The torque that joints transmit, where friction depends on it."""
+"""The torque of known bodies along a motion, and as a load that friction depends on."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector, frozen
+from consistent_id._support.arrays import Array, Vector, chunks, frozen
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.beside import BaseMotion
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.newton_euler import (
+    Scalar,
+    coordinate_torques,
     floats,
     joint_geometry,
     link_motions,
@@ -18,6 +20,52 @@ from consistent_id.regression.newton_euler import (
 from consistent_id.robot.model import RobotModel
 
 _NO_LOAD = 1e-9  # torque over the sum of its parts' sizes that is rounding alone
+
+
+def body_torques(
+    robot: RobotModel,
+    rows: Mapping[int, int],
+    bodies: Sequence[Vector],
+    state: Sequence[Array | None],
+    base: Array | None,
+    *,
+    size: int,
+) -> list[Array]:
+    """Return torques of several robots' bodies along one motion.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    rows : mapping of int to int
+        The row of each generalised coordinate that has one.
+    bodies : sequence of ndarray, each shape (10 links,)
+    state, base
+        See `TorqueModel.rigid_torque`.
+    size : int
+        Samples that are computed at a time.
+
+    Returns
+    -------
+    list of ndarray, each shape (samples, rows), [N m or N]
+    """
+    geometry, gravity = joint_geometry(robot), floats(robot.gravity)
+    numbers = [own.reshape(-1, 10).tolist() for own in bodies]
+    samples = 0 if state[0] is None else len(state[0])
+    torques = [np.zeros((samples, len(rows))) for _ in bodies]
+    for part in chunks(samples, size):
+        moves: list[Sequence[Scalar] | Array] = [
+            [0.0] * len(robot)
+            if values is None
+            else np.ascontiguousarray(values[part].T)
+            for values in state
+        ]
+        carried = None if base is None else np.ascontiguousarray(base[part].T)
+        motion = link_motions(robot, moves, lambda x: (np.sin(x), np.cos(x)), carried)
+        found = coordinate_torques(geometry, gravity, motion, numbers)
+        for robot_number, j, values in found:
+            if j in rows:
+                torques[robot_number][part, rows[j]] += values
+    return torques
 
 
 def checked_reference(

@@ -36,8 +36,12 @@ from consistent_id.recordings.signals.filtered_rows import (
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.row_structure import row_structure
-from consistent_id.regression.rows.contact_maps import ContactMixing, contact_mixing
-from consistent_id.regression.rows.generalised_forces import measured_forces
+from consistent_id.regression.rows.contact_maps import (
+    ContactMixing,
+    mixing_of,
+    unknown_rows,
+)
+from consistent_id.regression.rows.generalised_forces import measured_forces, state_of
 
 PIECE = 4 * CHUNK
 """Samples that one worker compresses before factors are merged."""
@@ -47,14 +51,10 @@ _KEPT = 2**26
 of a robot on its feet, 15 s at 30 Hz, are a little fewer.
 """
 
-_ALL_KEPT = 3 * _KEPT
-"""Bytes of filtered rows of all recordings that are kept at a time."""
+_ALL_KEPT = 3 * _KEPT  # the same of all recordings at a time
 
 _WORKERS = 2
-_FILLING = Lock()
-"""Lock of the kept rows; otherwise workers that need the same rows would all compute
-them.
-"""
+_FILLING = Lock()  # else workers that need the same rows would all compute them
 
 _LITTLE = 0.05
 """Share of a filtered row's weight that must come from samples that count."""
@@ -121,7 +121,7 @@ class Motion(NamedTuple):
         if self.filtered is not None:
             first = self.run.indices(len(self.filtered.kept))[0]
             run = slice(first + start, first + stop)
-        return Motion(
+        return self._replace(
             q=self.q[part],
             dq=self.dq[part],
             ddq=self.ddq[part],
@@ -129,11 +129,9 @@ class Motion(NamedTuple):
             weights=_part(self.weights, part),
             base=None if self.base is None else self.base.samples(part),
             mixing=None if self.mixing is None else self.mixing.samples(part),
-            peaks=self.peaks,
             shares=_part(self.shares, part),
             known=_part(self.known, part),
             places=None if self.places is None else self.places[part],
-            filtered=self.filtered,
             run=run,
         )
 
@@ -211,11 +209,9 @@ class Motion(NamedTuple):
         rows : sequence of ndarray, each shape (samples, columns wanted + 1)
             In Fortran's order.  The arrays are reused, and may be destroyed.
         """
-        found = (
-            self._blocks(model, kept, size)
-            if self.filtered is None
-            else self.filtered.blocks(model, kept, self.run)
-        )
+        found = self._blocks(model, kept, size)
+        if self.filtered is not None:
+            found = self.filtered.blocks(model, kept, self.run)
         for part, blocks in found:
             for j, block in enumerate(blocks):
                 block[:, -1] = self.torque[part, j]
@@ -422,7 +418,9 @@ def _with_filter(
 ) -> Motion:
     require_unchanged(recording)
     behind, by = require_filter(recording), row_filter(recording)
-    places = _places(behind, by.step)
+    places = places_of_rows(behind, by.step)
+    if not len(places):
+        places = np.array([len(behind.kept) // 2])
     kept = behind.kept[places]
     along = every_sample(model, behind.source, _marks(behind, weights, model))
     rows = FilteredRows(along, by, kept)
@@ -448,12 +446,6 @@ def _of_rows(weights: Array | None, places: IntArray) -> Array | None:
         return None
     rows: Array = weights[places]
     return np.where(rows == 0.0, 1.0, rows)
-
-
-def _places(behind: TorqueFilter, step: int) -> IntArray:
-    """Return the samples of a filtered recording whose rows are kept."""
-    found = places_of_rows(behind, step)
-    return found if len(found) else np.array([len(behind.kept) // 2])
 
 
 def _marks(
@@ -504,38 +496,3 @@ def every_sample(
         peaks=abs(tau).max(axis=0),
         shares=mixing.shares,
     )
-
-
-@kept_with(1, most=4)
-def mixing_of(model: TorqueModel, recording: Recording) -> ContactMixing | None:
-    """Return the mixing of a recording's rows, with its maps kept in memory.
-
-    A study goes along the same few recordings again and again, and finding maps takes
-    longer than all other work with them.
-    """
-    unknown = unknown_rows(model, recording)
-    found = contact_mixing(model.robot, model.torque_joints, recording, unknown)
-    return None if found is None else found.holding()
-
-
-def unknown_rows(model: TorqueModel, recording: Recording) -> BoolArray | None:
-    """Return where a row contains unknown torque, shape (samples, rows)."""
-    known, joints = recording.torque_known, recording.joints
-    if known is None or known.all():
-        return None
-    rows = [
-        ~known[:, joints.index(name)] if name in joints else np.zeros(len(known), bool)
-        for name in model.torque_joints
-    ]
-    return np.column_stack(rows)
-
-
-def state_of(
-    model: TorqueModel, recording: Recording
-) -> tuple[Array, Array | None, Array | None]:
-    """Return position, velocity and acceleration in the robot's order of joints."""
-    if not len(model.robot):  # one body, all of whose motion is the base's
-        still = np.zeros((len(recording), 0))
-        return still, still, still
-    log = recording.of(model.robot.joint_names)
-    return log.position, log.velocity, log.acceleration

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from hashlib import sha256
-from typing import Any, TypeVar, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,11 +31,9 @@ from consistent_id.recordings.beside import BaseMotion
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling, coupled_joints
 from consistent_id.regression.drive.term import DriveTerm
-from consistent_id.regression.loads import checked_reference
+from consistent_id.regression.loads import body_torques, checked_reference
 from consistent_id.regression.newton_euler import (
     JointGeometry,
-    Scalar,
-    coordinate_torques,
     floats,
     joint_geometry,
     link_motions,
@@ -45,8 +43,11 @@ from consistent_id.regression.row_names import (
     BASE_ROWS,
     BASE_UNITS,
     CONTACT_FREE,
+    KeptColumns,
+    Room,
     in_newton,
     rows_in_order,
+    shorter,
 )
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout
@@ -57,53 +58,6 @@ CHUNK = 4072
 An odd multiple of a line of the cache, which holds 8 numbers: columns that lie a power
 of two apart share few places there.
 """
-
-
-@final
-@dataclass(frozen=True, slots=True, eq=False)
-class _KeptColumns:
-    """Some columns of each row, written to like an array (rows, parameters, samples).
-
-    Values written to other columns are dropped.
-
-    Parameters
-    ----------
-    places : ndarray, shape (rows, parameters)
-        Where a column is in its row's block; -1 if it is dropped.
-    blocks : sequence of ndarray, each shape (samples, columns kept + 1)
-        In Fortran's order, the last column left for the torque.
-    """
-
-    places: IntArray
-    blocks: Sequence[Matrix]
-
-    @classmethod
-    def empty(
-        cls, kept: Sequence[IntArray], width: int, samples: int
-    ) -> "_KeptColumns":
-        """Return rows that are to be written to."""
-        places = np.full((len(kept), width), -1)
-        for row, columns in zip(places, kept, strict=True):
-            row[columns] = range(len(columns))
-        shapes = [(samples, len(columns) + 1) for columns in kept]
-        return cls(places, [np.empty(shape, order="F") for shape in shapes])
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Rows, parameters and samples."""
-        return (*self.places.shape, len(self.blocks[0]))
-
-    def first(self, samples: int) -> "_KeptColumns":
-        """Return the first samples, as a view."""
-        return _KeptColumns(self.places, [block[:samples] for block in self.blocks])
-
-    def __setitem__(self, entry: tuple[int, int], values: Any) -> None:
-        place = self.places[entry]
-        if place >= 0:
-            self.blocks[entry[0]][:, place] = values
-
-
-_Room = TypeVar("_Room", Array, _KeptColumns)
 
 
 @brief
@@ -340,7 +294,7 @@ class TorqueModel:
             reused, and may be destroyed.
         """
         samples = min(size, len(np.asarray(q)))
-        some = _KeptColumns.empty(kept, len(self.layout), samples)
+        some = KeptColumns.empty(kept, len(self.layout), samples)
         if self.load_references:  # a load takes all columns of its row
             for part, block in self.chunks(q, dq, ddq, size, base=base):
                 wanted = some.first(block.shape[2])
@@ -353,12 +307,12 @@ class TorqueModel:
 
     def _filled(
         self,
-        out: _Room,
+        out: Room,
         q: ArrayLike,
         dq: ArrayLike,
         ddq: ArrayLike,
         base: BaseMotion | None,
-    ) -> Iterator[tuple[slice, _Room]]:
+    ) -> Iterator[tuple[slice, Room]]:
         """Yield ``(samples, out)`` with the regressor of as many samples as fit in."""
         motion, moves = self._checked(q, dq, ddq, base)
         samples, joints = motion[0].shape
@@ -369,7 +323,7 @@ class TorqueModel:
         waves = np.empty((len(self.robot.joints), 2, size))
         for part in chunks(samples, size):
             few = slice(part.stop - part.start)
-            block = out if few.stop == size else _shorter(out, few.stop)
+            block = out if few.stop == size else shorter(out, few.stop)
             for own, x in zip(state, motion, strict=True):
                 own[:, few] = x[part].T
             carried = None if moves is None else np.ascontiguousarray(moves[part].T)
@@ -461,27 +415,7 @@ class TorqueModel:
         base: Array | None = None,
     ) -> list[Array]:
         """Return `rigid_torque` of several robots' bodies along one motion."""
-        robot, row = self.robot, self.rows
-        geometry, gravity = joint_geometry(robot), floats(robot.gravity)
-        numbers = [own.reshape(-1, 10).tolist() for own in bodies]
-        samples = 0 if state[0] is None else len(state[0])
-        torques = [np.zeros((samples, len(self.torque_joints))) for _ in bodies]
-        for part in chunks(samples, CHUNK):
-            moves: list[Sequence[Scalar] | Array] = [
-                [0.0] * len(robot)
-                if values is None
-                else np.ascontiguousarray(values[part].T)
-                for values in state
-            ]
-            carried = None if base is None else np.ascontiguousarray(base[part].T)
-            motion = link_motions(
-                robot, moves, lambda x: (np.sin(x), np.cos(x)), carried
-            )
-            found = coordinate_torques(geometry, gravity, motion, numbers)
-            for robot_number, j, values in found:
-                if j in row:
-                    torques[robot_number][part, row[j]] += values
-        return torques
+        return body_torques(self.robot, self.rows, bodies, state, base, size=CHUNK)
 
     def drive_entries(
         self, q: Any, dq: Any, ddq: Any, loads: Mapping[int, Any]
@@ -507,7 +441,7 @@ class TorqueModel:
 
     def _fill(
         self,
-        out: Array | _KeptColumns,
+        out: Array | KeptColumns,
         geometry: Sequence[JointGeometry],
         state: Array,
         base: Array | None,
@@ -528,7 +462,7 @@ class TorqueModel:
                 for i, entry in enumerate(entries, start=10 * k):
                     out[row[j], i] = entry
         loads = {}
-        if not isinstance(out, _KeptColumns):  # else no load is needed: `kept_chunks`
+        if not isinstance(out, KeptColumns):  # else no load is needed: `kept_chunks`
             loads = {
                 j: np.tensordot(reference, out[row[j], : len(reference)], axes=1)
                 for j, reference in self.load_references.items()
@@ -538,13 +472,6 @@ class TorqueModel:
                 out[row[j], column] = values
         for column, name in enumerate(self.biased_rows, start=-6):
             out[self.torque_joints.index(name), column] = 1.0
-
-
-def _shorter(out: _Room, samples: int) -> _Room:
-    """Return room for fewer samples; an array of its own, for a view has gaps."""
-    if isinstance(out, _KeptColumns):
-        return out.first(samples)
-    return np.zeros((*out.shape[:2], samples))
 
 
 @lru_cache(maxsize=32)

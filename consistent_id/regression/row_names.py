@@ -1,7 +1,15 @@
-"""Names of rows that are no joint's torque: those of a floating base."""
+"""Rows of a regressor: names of those that are no joint's torque, and room for them.
+
+Rows without names of joints are those of a floating base.
+"""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar, final
 
+import numpy as np
+
+from consistent_id._support.arrays import Array, IntArray, Matrix
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import require_known
 
@@ -46,3 +54,56 @@ def in_newton(robot: RobotModel, name: str) -> bool:
         return BASE_UNITS[name] == "N"
     slides = {joint.name for joint in robot.driven if joint.kind == "prismatic"}
     return name in slides
+
+
+@final
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptColumns:
+    """Some columns of each row, written to like an array (rows, parameters, samples).
+
+    Values written to other columns are dropped.
+
+    Parameters
+    ----------
+    places : ndarray, shape (rows, parameters)
+        Where a column is in its row's block; -1 if it is dropped.
+    blocks : sequence of ndarray, each shape (samples, columns kept + 1)
+        In Fortran's order, the last column left for the torque.
+    """
+
+    places: IntArray
+    blocks: Sequence[Matrix]
+
+    @classmethod
+    def empty(cls, kept: Sequence[IntArray], width: int, samples: int) -> "KeptColumns":
+        """Return rows that are to be written to."""
+        places = np.full((len(kept), width), -1)
+        for row, columns in zip(places, kept, strict=True):
+            row[columns] = range(len(columns))
+        shapes = [(samples, len(columns) + 1) for columns in kept]
+        return cls(places, [np.empty(shape, order="F") for shape in shapes])
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Rows, parameters and samples."""
+        return (*self.places.shape, len(self.blocks[0]))
+
+    def first(self, samples: int) -> "KeptColumns":
+        """Return the first samples, as a view."""
+        return KeptColumns(self.places, [block[:samples] for block in self.blocks])
+
+    def __setitem__(self, entry: tuple[int, int], values: Any) -> None:
+        place = self.places[entry]
+        if place >= 0:
+            self.blocks[entry[0]][:, place] = values
+
+
+Room = TypeVar("Room", Array, KeptColumns)
+"""Where a regressor is written to: all its columns, or some."""
+
+
+def shorter(out: Room, samples: int) -> Room:
+    """Return room for fewer samples; an array of its own, for a view has gaps."""
+    if isinstance(out, KeptColumns):
+        return out.first(samples)
+    return np.zeros((*out.shape[:2], samples))

@@ -1,5 +1,5 @@
-from consistent_id.report.advice import Advice, advise
 from consistent_id.report.page import comparison_html, report_html, write_report
+from consistent_id.report.report_content import Advice, advise
 from consistent_id.report.results import Results, open_results
 
 __all__ = [

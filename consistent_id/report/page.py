@@ -18,12 +18,11 @@ from consistent_id.errors import ConsistentIdError
 from consistent_id.estimation.uncertainties.parameter_uncertainty import Uncertainty
 from consistent_id.problems.study import Study
 from consistent_id.recordings.recording import Recording
-from consistent_id.report.advice import advise
 from consistent_id.report.links_section import costs_section, links_section
 from consistent_id.report.markup import Html, joined, tag
 from consistent_id.report.parameters_section import parameters_section
 from consistent_id.report.published_section import published_section, reproduce_section
-from consistent_id.report.report_content import ReportContent, Section
+from consistent_id.report.report_content import ReportContent, Section, advise
 from consistent_id.report.residuals_section import residuals_section
 from consistent_id.report.torque_section import friction_section, torque_section
 from consistent_id.report.verdict_section import (

@@ -21,7 +21,7 @@ from consistent_id._support.files import LARGEST_MODEL, read_input
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.verdict import Reason, Verdict, Word
-from consistent_id.problems.folder import RESULTS
+from consistent_id.problems.loading import RESULTS
 
 if TYPE_CHECKING:
     from consistent_id.estimation.estimate import Estimate

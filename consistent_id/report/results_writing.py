@@ -1,13 +1,14 @@
-"""The results folder of a study: files, tables, figures and their index."""
+"""The results folder of a study: its record, files, tables, figures and their index."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from time import time_ns
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
 
 from consistent_id._support.files import (
     content_of,
@@ -37,10 +38,12 @@ from consistent_id.report.results import (
 )
 
 if TYPE_CHECKING:
+    from consistent_id.comparison.comparison import EstimateReport
+    from consistent_id.estimation.torque_error import TorqueError
     from consistent_id.problems.opening import Opened
     from consistent_id.problems.problem import Problem
+    from consistent_id.problems.published import PublishedReport
     from consistent_id.problems.study import Study
-
 
 _MARK = "<!-- consistent-id: tables of a comparison -->"
 _SETTLED = 2_000_000_000  # ns: the coarsest step of time stamps, that of FAT
@@ -179,8 +182,6 @@ def _estimates(study: "Study", folder: Path) -> list[Path]:
 
 def _comparison(study: "Study", tables: Sequence[Table], folder: Path) -> list[Path]:
     """Write the tables, all figures, and pictures of torque."""
-    from consistent_id.report.study_record import study_record
-
     head = [_MARK, "", f"# {study.problem.name}", ""]
     text = "\n".join([*head, *(table.markdown() for table in tables)])
     return [
@@ -192,7 +193,7 @@ def _comparison(study: "Study", tables: Sequence[Table], folder: Path) -> list[P
 
 def _pictures(study: "Study", folder: Path) -> list[Path]:
     """Draw the torque of least squares and of the recommended estimate."""
-    from consistent_id.report.figures import motion_figure, torque_figure, write_figure
+    from consistent_id.report.plot import motion_figure, torque_figure, write_figure
 
     methods = (Method.LEAST_SQUARES, study.recommendation.method)
     shown = [e for e in study.estimates if e.method in methods]
@@ -213,7 +214,7 @@ def _pictures(study: "Study", folder: Path) -> list[Path]:
 def tables_of(name: str, opened: "Opened", study: "Study") -> list[Table]:
     """Return the text that a command prints about a study."""
     from consistent_id.diagnosis.findings import diagnosis_table
-    from consistent_id.problems.listing import problem_tables
+    from consistent_id.problems.loading import problem_tables
     from consistent_id.report.parameters_section import uncertainty_table
     from consistent_id.report.summary import identified_tables, study_tables
 
@@ -228,3 +229,165 @@ def tables_of(name: str, opened: "Opened", study: "Study") -> list[Table]:
     if name == "identify":
         return opened.noted(identified_tables(opened, study))
     return opened.noted(study_tables(study))
+
+
+def study_record(study: "Study") -> dict[str, Any]:
+    """Return a study as plain numbers and text, ready for JSON."""
+    return {
+        "format": "consistent_id study 1",
+        "problem": study.problem.name,
+        "source": study.problem.table.source,
+        **study.answer(),
+        "recommendation": _recommendation_record(study),
+        "excitation": _excitation_record(study),
+        "constraint_costs": [
+            {
+                "constraint": cost.name,
+                "misfit_increase": cost.increase,
+                "rms_with": cost.rms_with.tolist(),
+                "rms_without": cost.rms_without.tolist(),
+                "verdict": cost.verdict,
+            }
+            for cost in study.costs
+        ],
+        "regularisation_path": _path_record(study),
+        "slacks": {method: c.to_dict() for method, c in study.slacks.items()},
+        "shadow_prices": [
+            {
+                "constraint": price.label,
+                "price": price.price,
+                "cost": _number(price.cost),
+                "verdict": price.verdict,
+            }
+            for price in study.prices
+        ],
+        "estimates": [_report_record(r) for r in study.comparison.reports],
+        "delivered": study.delivered.to_dict(),
+        "published": (
+            None if study.published is None else _published_record(study.published)
+        ),
+    }
+
+
+def _recommendation_record(study: "Study") -> dict[str, Any]:
+    chosen = study.recommendation
+    expected = chosen.expected
+    held_out = zip(study.recommended.validation, study.expected_held_out, strict=True)
+    return {
+        "method": chosen.method,
+        "expected_error": None if expected is None else expected.error,
+        "expected_range": None if expected is None else [expected.low, expected.high],
+        "expected_on": [
+            {"recording": error.recording, **forecast.to_dict()}
+            for error, forecast in held_out
+            if forecast is not None
+        ],
+        "left_out_errors": {
+            method: _number(error)
+            for method, error in zip(chosen.candidates, chosen.error, strict=True)
+        },
+    }
+
+
+def _excitation_record(study: "Study") -> dict[str, Any]:
+    return {
+        "structural_rank": study.excitation.structural_rank,
+        "data_rank": study.excitation.data_rank,
+        "condition_numbers": [
+            {
+                "value": _number(c.value),
+                "basis": c.basis,
+                "column_scaling": c.scaling,
+            }
+            for c in study.excitation.condition
+        ],
+        "undetermined": list(study.excitation.undetermined),
+    }
+
+
+def _path_record(study: "Study") -> dict[str, Any]:
+    path = study.path
+    return {
+        "distance": path.distance,
+        "weights": path.weights.tolist(),
+        "errors": path.errors.tolist(),
+        "misfits": path.misfits.tolist(),
+        "distances": [_number(d) for d in path.distances],
+        "chosen": float(path.weights[path.best]),
+    }
+
+
+def _report_record(report: "EstimateReport") -> dict[str, Any]:
+    return report.with_verdict.to_dict() | {
+        "training": [_error_record(e) for e in report.training],
+        "validation": [_error_record(e) for e in report.validation],
+        "consistent_links": list(report.consistent_links),
+        "base_feasibility": {
+            "answer": report.base_feasibility.answer,
+            "summary": report.base_feasibility.summary,
+            "depth": _number(report.base_feasibility.proof.margin),
+            "bound": _number(report.base_feasibility.proof.bound),
+            "nearest_torque_change": _to_nearest(report),
+        },
+        "links": [
+            {
+                "link": link.link,
+                "least_eigenvalue": link.least_eigenvalue,
+                "edge": link.edge,
+            }
+            for link in report.links
+        ],
+        "least_mass_eigenvalue": report.least_mass_eigenvalue,
+        "distance_to_nominal": report.distance_to_nominal.tolist(),
+    }
+
+
+def _to_nearest(report: "EstimateReport") -> float | None:
+    nearest = report.base_feasibility.nearest
+    return None if nearest is None else nearest.torque_change
+
+
+def _error_record(error: "TorqueError") -> dict[str, Any]:
+    return {
+        "recording": error.recording,
+        "rms": error.rms.tolist(),
+        "relative": [_number(share) for share in error.relative],
+        "mse": error.mse.tolist(),
+        "stacked": _number(error.stacked),
+    }
+
+
+def _published_record(report: "PublishedReport") -> dict[str, Any]:
+    return {
+        "parameters": list(report.parametrisation.names),
+        "mean": report.mean.tolist(),
+        "standard_deviation": report.standard_deviation.tolist(),
+        "largest_differences": report.largest_differences,
+        "central_inertia": {k: v.tolist() for k, v in report.central_inertia.items()},
+        "ranks": [
+            {
+                "columns": list(rank.columns),
+                "rank": rank.rank,
+                "singular_values": rank.singular_values.tolist(),
+                "null_directions": list(rank.null_directions),
+            }
+            for rank in (report.all_columns, report.free_columns)
+        ],
+        "vectors": [
+            {
+                "name": v.name,
+                "answer": v.feasibility.answer,
+                "summary": v.feasibility.summary,
+                "depth": _number(v.feasibility.proof.margin),
+                "bound": _number(v.feasibility.proof.bound),
+                "nearest": v.nearest.to_dict(),
+                "torque_change": v.torque_change.tolist(),
+            }
+            for v in report.vectors
+        ],
+    }
+
+
+def _number(value: float) -> float | None:
+    """Return a number that JSON can represent, or None."""
+    return float(value) if np.isfinite(value) else None

@@ -24,8 +24,8 @@ from consistent_id.estimation.verdict import percent
 from consistent_id.problems.opening import Opened
 from consistent_id.problems.study import Study
 from consistent_id.regression.base import Excitation
-from consistent_id.report.advice import advise
 from consistent_id.report.published_section import published_tables
+from consistent_id.report.report_content import advise
 
 _PRICES = 12  # single constraints shown
 _COSTLY = 0.02  # of the misfit, from which on a constraint is named

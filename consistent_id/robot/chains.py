@@ -32,9 +32,6 @@ _log = logging.getLogger(__name__)
 FLOATING = "floating"
 """The base of a robot whose root link moves freely, where no link has this name."""
 
-_LIMBS = 2  # an arm is one limb; what stands, walks or flies has several
-_JOINTS = 3  # of a limb: fingers and wheels have fewer
-
 
 @dataclass(frozen=True, slots=True)
 class Selection:
@@ -265,33 +262,6 @@ def free_bodies(
         for link, nominal in bodies.items()
     )
     return RobotModel(name, joints, links)
-
-
-def base_question(robot: RobotModel) -> tuple[str, ...]:
-    """Return a question to the user if a fixed base is doubtful, else nothing.
-
-    This is so if several chains of at least three joints hang on the fixed root: legs
-    of a robot that walks, or arms of one that stands on a pillar.
-    """
-    if robot.floating:
-        return ()
-    length = [1] * len(robot.joints)
-    for k in range(len(robot.joints) - 1, -1, -1):
-        parent = robot.joints[k].parent
-        if parent >= 0:
-            length[parent] = max(length[parent], length[k] + 1)
-    limbs = [
-        joint.name
-        for joint, joints in zip(robot.joints, length, strict=True)
-        if joint.parent < 0 and joints >= _JOINTS
-    ]
-    if len(limbs) < _LIMBS:
-        return ()
-    return (
-        f"the base is assumed to be fixed, though it has {len(limbs)} limbs "
-        f"(beginning with {', '.join(limbs)}); if it moves, or stands on them, set "
-        f"base = 'floating'",
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,8 @@ read.
 """
 
 from dataclasses import dataclass
-from typing import Self
+from itertools import permutations, product
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +31,7 @@ INERTIAL_UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 
 # Rows and columns of the inertia matrix at which entries 4..9 of the vector stand.
 _ROWS, _COLUMNS = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)
+_ROUNDED = 1e-9  # of the largest moment of inertia
 
 
 def _pseudo_inertia_basis() -> Array:
@@ -220,3 +222,46 @@ class InertialParameters:
     def __add__(self, other: "InertialParameters") -> "InertialParameters":
         """Compose two bodies given in the same frame."""
         return InertialParameters(self.vector + other.vector)
+
+
+class PrincipalInertia(NamedTuple):
+    """Principal moments of inertia and their axes.
+
+    Parameters
+    ----------
+    moments : ndarray, shape (3,), [kg m^2]
+    axes : ndarray, shape (3, 3)
+        A rotation; its columns are the axes.
+    """
+
+    moments: Vector
+    axes: Matrix
+
+
+def principal_inertia(inertia: Matrix) -> PrincipalInertia:
+    """Return principal moments and axes, the axes as near those of the frame as can be.
+
+    Among the 24 right-handed orders and signs of the axes, the one with the least
+    rotation is taken, so that angles are small and never singular.
+
+    Parameters
+    ----------
+    inertia : ndarray, shape (3, 3), [kg m^2]
+
+    Examples
+    --------
+    >>> moments, axes = principal_inertia(np.diag([0.3, 0.1, 0.2]))
+    >>> print(moments, np.trace(axes))
+    [0.3 0.1 0.2] 3.0
+    """
+    if not np.any(inertia - np.diag(np.diag(inertia))):
+        return PrincipalInertia(np.diag(inertia).copy(), np.eye(3))
+    moments, axes = np.linalg.eigh(inertia)
+    moments[moments < _ROUNDED * moments.max()] = 0.0  # a rod's, by rounding
+    best, least = PrincipalInertia(moments, axes), -np.inf
+    for order in map(list, permutations(range(3))):
+        for signs in product((1.0, -1.0), repeat=3):
+            turned = axes[:, order] * signs
+            if np.linalg.det(turned) > 0.0 and np.trace(turned) > least:
+                best, least = PrincipalInertia(moments[order], turned), np.trace(turned)
+    return best

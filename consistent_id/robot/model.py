@@ -15,6 +15,7 @@ from consistent_id._support.arrays import (
     Vector,
     array_default,
     freeze,
+    freeze_arrays,
     frozen,
 )
 from consistent_id._support.tables import brief
@@ -139,12 +140,8 @@ class Joint:
         length = np.linalg.norm(axis)
         if length == 0.0:
             raise ModelError(f"{where}: axis is zero, expected a direction")
-        translation = frozen(
-            self.translation, (3,), f"{where}: translation", ModelError
-        )
-        freeze(self, rotation=rotation, translation=translation)
-        axis = frozen(axis / length, (3,), "axis")
-        freeze(self, axis=axis)
+        freeze_arrays(self, {"translation": (3,)}, where, ModelError)
+        freeze(self, rotation=rotation, axis=frozen(axis / length, (3,), "axis"))
         if self.kind == "free" and self.parent >= 0:
             raise ModelError(
                 f"{where} is free, but link {self.parent} carries it; only the base of "
@@ -227,10 +224,8 @@ class FixedFrame:
 
     def __post_init__(self) -> None:
         where = f"frame {self.name!r}"
-        translation = frozen(
-            self.translation, (3,), f"{where}: translation", ModelError
-        )
-        freeze(self, rotation=_rotation(self.rotation, where), translation=translation)
+        freeze_arrays(self, {"translation": (3,)}, where, ModelError)
+        freeze(self, rotation=_rotation(self.rotation, where))
 
 
 @brief
@@ -492,7 +487,6 @@ def limits_with_followers(joints: Sequence[Joint]) -> tuple[JointLimits, ...]:
 
 
 def _narrowed(limits: JointLimits, follower: Joint, mimic: Mimic) -> JointLimits:
-
     own = follower.limits
     ends = (np.array([own.lower, own.upper]) - mimic.offset) / mimic.multiplier
     lower, upper = max(limits.lower, ends.min()), min(limits.upper, ends.max())

@@ -120,16 +120,7 @@ def contact_place(
         others.
     """
     n = len(robot)
-    if robot.floating:
-        raise ProblemError(
-            f"the base of {robot.name!r} floats; a contact is placed on robots whose "
-            "base stands still"
-        )
-    if len(robot.joints) != n:
-        raise ProblemError(
-            f"joints of {robot.name!r} follow others; contacts are not placed on such "
-            "robots: lock these joints"
-        )
+    _require_arm(robot)
     if not radius >= 0.0:
         raise ProblemError(f"the links' radius is {radius} m, expected 0 or more")
     pose = checked(q, (n,), "positions")
@@ -168,6 +159,20 @@ def contact_place(
         misfit=float(misfit[best]),
         freedom=n - int(known[best]),
     )
+
+
+def _require_arm(robot: RobotModel) -> None:
+    """Refuse a robot whose base floats, or some of whose joints follow others."""
+    if robot.floating:
+        raise ProblemError(
+            f"the base of {robot.name!r} floats; a contact is placed on robots whose "
+            "base stands still"
+        )
+    if len(robot.joints) != len(robot):
+        raise ProblemError(
+            f"joints of {robot.name!r} follow others; contacts are not placed on such "
+            "robots: lock these joints"
+        )
 
 
 def _strengths(

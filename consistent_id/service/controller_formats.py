@@ -19,7 +19,6 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import permutations, product
 from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
@@ -29,12 +28,11 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.tables import brief
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.export.export_formats import comment_text
-from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.inertia import InertialParameters, principal_inertia
 from consistent_id.robot.model import FixedFrame
 from consistent_id.robot.parameters import did_you_mean
 
 _DIGITS = ".9g"
-_ROUNDED = 1e-9  # of the largest moment of inertia
 _TRIANGLE = 1e-7  # of it, by which the others' sum exceeds it: more than digits lose
 _MARK = "consistent-id: load of {name} in the frame {frame}, {state}"
 _LONGEST = 32  # characters of a name, as in RAPID
@@ -131,49 +129,6 @@ def require_load_name(name: str) -> None:
             f"name of the load is {name!r}; expected a letter, then at most "
             f"{_LONGEST - 1} letters, digits and underscores, such as box_2"
         )
-
-
-class PrincipalInertia(NamedTuple):
-    """Principal moments of inertia and their axes.
-
-    Parameters
-    ----------
-    moments : ndarray, shape (3,), [kg m^2]
-    axes : ndarray, shape (3, 3)
-        A rotation; its columns are the axes.
-    """
-
-    moments: Vector
-    axes: Matrix
-
-
-def principal_inertia(inertia: Matrix) -> PrincipalInertia:
-    """Return principal moments and axes, the axes as near those of the frame as can be.
-
-    Among the 24 right-handed orders and signs of the axes, the one with the least
-    rotation is taken, so that angles are small and never singular.
-
-    Parameters
-    ----------
-    inertia : ndarray, shape (3, 3), [kg m^2]
-
-    Examples
-    --------
-    >>> moments, axes = principal_inertia(np.diag([0.3, 0.1, 0.2]))
-    >>> print(moments, np.trace(axes))
-    [0.3 0.1 0.2] 3.0
-    """
-    if not np.any(inertia - np.diag(np.diag(inertia))):
-        return PrincipalInertia(np.diag(inertia).copy(), np.eye(3))
-    moments, axes = np.linalg.eigh(inertia)
-    moments[moments < _ROUNDED * moments.max()] = 0.0  # a rod's, by rounding
-    best, least = PrincipalInertia(moments, axes), -np.inf
-    for order in map(list, permutations(range(3))):
-        for signs in product((1.0, -1.0), repeat=3):
-            turned = axes[:, order] * signs
-            if np.linalg.det(turned) > 0.0 and np.trace(turned) > least:
-                best, least = PrincipalInertia(moments[order], turned), np.trace(turned)
-    return best
 
 
 def ur_script(load: ControllerLoad) -> str:

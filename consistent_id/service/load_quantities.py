@@ -1,18 +1,23 @@
 """Mass, centre of mass and inertia of a load in a frame, with 95 % intervals.
 
+Too wide an interval is a reason against the load.
+
 Intervals are those of the least-squares estimate: its covariance, propagated to first
 order through the change of frame, which is linear, and through
 
 ``c = h / m``,  ``I_c = I - (h.h 1 - h h^T) / m``.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
 from consistent_id._support.tables import Table, brief
+from consistent_id.estimation.determination import KNOWN
 from consistent_id.estimation.payload import Payload
+from consistent_id.estimation.verdict import Reason, percent
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame
 
@@ -186,3 +191,74 @@ def _errors(rows: Matrix, covariance: Matrix) -> Vector:
     size = abs(rows).max(axis=1, keepdims=True)
     touched = (abs(rows) > _TOUCHED * size)[:, unknown].any(axis=1)
     return np.where(touched, np.inf, np.sqrt(np.maximum(squared, 0.0)))
+
+
+def reasons_of_mass(payload: Payload, known_mass: float | None) -> Iterator[Reason]:
+    """Yield reasons against a mass: unknown, uncertain, or not that of a scale [kg]."""
+    mass, half = payload.free.mass, payload.quantile * payload.standard_errors[0]
+    if not np.isfinite(half):
+        yield Reason(
+            "mass not identifiable",
+            "do not use",
+            "the motion does not show the load's mass",
+            "move joints that gravity loads, with the load and without it",
+        )
+        return
+    seen = f"{mass:.3g} +- {half:.2g} kg (95 %)"
+    if mass <= half:
+        yield Reason(
+            "no load is seen",
+            "do not use",
+            f"the mass is {seen}",
+            "check that the log is the one with the load; record more motion of the "
+            "joints that gravity loads",
+        )
+    elif known_mass is None and 2.0 * half > KNOWN * mass:
+        yield Reason(
+            "mass is uncertain",
+            "use with care",
+            f"the mass is {seen}: the interval is {percent(2.0 * half / mass)} wide",
+            "record more motion of the joints that gravity loads, or weigh the load",
+        )
+    if known_mass is not None and abs(mass - known_mass) > half:
+        yield Reason(
+            "mass contradicts the scale",
+            "do not use",
+            f"the torques show {seen}, the scale {known_mass:.4g} kg",
+            "check the gains that convert currents to torque, and that the logs differ "
+            "by this load alone",
+        )
+
+
+def reasons_of_centre(quantities: LoadQuantities) -> Iterator[Reason]:
+    """Yield a reason against a centre of mass that the motion does not show."""
+    width = quantities.high[1:4] - quantities.low[1:4]
+    unknown = [axis for axis, w in zip("xyz", width, strict=True) if not np.isfinite(w)]
+    if unknown:
+        yield Reason(
+            "centre of mass not identifiable",
+            "do not use",
+            f"the motion does not show the centre of mass along {', '.join(unknown)} "
+            f"of the frame {quantities.frame}",
+            "move joints whose torque depends on it, with the load and without it",
+        )
+
+
+def reasons_of_inertia(payload: Payload) -> Iterator[Reason]:
+    """Yield a reason for care if the inertia is open or uncertain."""
+    advice = "accelerate the last joints quickly, with the load and without it"
+    if inertia_is_open(payload):
+        yield Reason(
+            "inertia is open",
+            "use with care",
+            "the data do not show the inertia about the centre of mass within 50 %; "
+            "controllers get a point mass",
+            advice,
+        )
+    elif (width := inertia_width(payload)) > KNOWN:
+        yield Reason(
+            "inertia is uncertain",
+            "use with care",
+            f"the interval of the inertia's trace is {percent(width)} wide",
+            advice,
+        )

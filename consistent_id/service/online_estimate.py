@@ -29,13 +29,6 @@ from consistent_id.service.load_watch import (
     Quiet,
     learned_watch,
 )
-from consistent_id.service.local_motion import HALF, joined, local_motion
-from consistent_id.service.online_rows import (
-    FadedRows,
-    extended_by,
-    inverse_of,
-    without_body,
-)
 from consistent_id.service.online_state import (
     ARM,
     METHOD,
@@ -49,6 +42,15 @@ from consistent_id.service.online_state import (
     regimes_of,
     units_of,
     verdict_of,
+)
+from consistent_id.service.running_log import (
+    HALF,
+    FadedRows,
+    extended_by,
+    inverse_of,
+    joined,
+    local_motion,
+    without_body,
 )
 from consistent_id.service.warm_fit import (
     WarmFit,

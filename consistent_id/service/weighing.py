@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ModelError, ProblemError
-from consistent_id.estimation.determination import KNOWN
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.judgement import MISFIT_CARE, MISFIT_REFUSED
 from consistent_id.estimation.payload import Payload, identify_payload
@@ -27,8 +26,10 @@ from consistent_id.service.gain_check import (
 from consistent_id.service.load_quantities import (
     LoadQuantities,
     inertia_is_open,
-    inertia_width,
     load_quantities,
+    reasons_of_centre,
+    reasons_of_inertia,
+    reasons_of_mass,
 )
 from consistent_id.service.loaded_runs import (
     LoadedRuns,
@@ -387,9 +388,9 @@ def _reasons(
     found: _Estimated, flange: FixedFrame, known_mass: float | None
 ) -> Iterator[Reason]:
     payload = found.payload
-    yield from _of_mass(payload, known_mass)
+    yield from reasons_of_mass(payload, known_mass)
     if payload.free.mass > 0.0:
-        yield from _of_centre(load_quantities(payload, flange))
+        yield from reasons_of_centre(load_quantities(payload, flange))
     yield from _of_place(payload, *found.logs)
     yield from _of_residual(found.residual)
     if found.gains is not None:
@@ -400,7 +401,7 @@ def _reasons(
             "use with care",
             payload.estimate.certificate.reason,
         )
-    yield from _of_inertia(payload)
+    yield from reasons_of_inertia(payload)
 
 
 def _of_assumed_gains(
@@ -418,74 +419,6 @@ def _of_assumed_gains(
         f"the gains of the torque were taken from the model's bodies{ignored}",
         f"{errors}weigh a load of known mass first: consistent-id gains",
     )
-
-
-def _of_inertia(payload: Payload) -> Iterator[Reason]:
-    advice = "accelerate the last joints quickly, with the load and without it"
-    if inertia_is_open(payload):
-        yield Reason(
-            "inertia is open",
-            "use with care",
-            "the data do not show the inertia about the centre of mass within 50 %; "
-            "controllers get a point mass",
-            advice,
-        )
-    elif (width := inertia_width(payload)) > KNOWN:
-        yield Reason(
-            "inertia is uncertain",
-            "use with care",
-            f"the interval of the inertia's trace is {percent(width)} wide",
-            advice,
-        )
-
-
-def _of_mass(payload: Payload, known_mass: float | None) -> Iterator[Reason]:
-    mass, half = payload.free.mass, payload.quantile * payload.standard_errors[0]
-    if not np.isfinite(half):
-        yield Reason(
-            "mass not identifiable",
-            "do not use",
-            "the motion does not show the load's mass",
-            "move joints that gravity loads, with the load and without it",
-        )
-        return
-    seen = f"{mass:.3g} +- {half:.2g} kg (95 %)"
-    if mass <= half:
-        yield Reason(
-            "no load is seen",
-            "do not use",
-            f"the mass is {seen}",
-            "check that the log is the one with the load; record more motion of the "
-            "joints that gravity loads",
-        )
-    elif known_mass is None and 2.0 * half > KNOWN * mass:
-        yield Reason(
-            "mass is uncertain",
-            "use with care",
-            f"the mass is {seen}: the interval is {percent(2.0 * half / mass)} wide",
-            "record more motion of the joints that gravity loads, or weigh the load",
-        )
-    if known_mass is not None and abs(mass - known_mass) > half:
-        yield Reason(
-            "mass contradicts the scale",
-            "do not use",
-            f"the torques show {seen}, the scale {known_mass:.4g} kg",
-            "check the gains that convert currents to torque, and that the logs differ "
-            "by this load alone",
-        )
-
-
-def _of_centre(quantities: LoadQuantities) -> Iterator[Reason]:
-    width = quantities.high[1:4] - quantities.low[1:4]
-    unknown = [axis for axis, w in zip("xyz", width, strict=True) if not np.isfinite(w)]
-    if unknown:
-        yield Reason(
-            "centre of mass not identifiable",
-            "do not use",
-            f"the motion does not show the centre of mass along {', '.join(unknown)} "
-            f"of the frame {quantities.frame}",
-            "move joints whose torque depends on it, with the load and without it",
-        )
 
 
 def _of_place(

@@ -17,8 +17,8 @@ from consistent_id.standing.standing_design import (
     StandingDesign,
     design_standing,
     trunk_errors,
-    write_standing,
 )
+from consistent_id.standing.standing_files import write_standing
 from consistent_id.standing.trunk_path import TrunkPath
 
 __all__ = [

@@ -18,7 +18,7 @@ from consistent_id import ProblemError
 from consistent_id._support.run import OutOfTime, kept_going
 from consistent_id.cli import main
 from consistent_id.cli.tool import run_to_its_end
-from consistent_id.estimation.uncertainties import parameter_uncertainty
+from consistent_id.estimation.uncertainties import resampling
 
 RX60 = "problems/rx60"
 studies = shared_within("module")
@@ -261,16 +261,16 @@ def test_a_bootstrap_that_is_stopped_shows_what_it_has(
     arm, capsys, monkeypatch, stop, code, says
 ):
     calls = iter(range(10**6))
-    solve = parameter_uncertainty.penalised_fits
+    solve = resampling.penalised_fits
 
     def interrupted(*args):
         if next(calls) == 7:
             raise stop
         return solve(*args)
 
-    monkeypatch.setattr(parameter_uncertainty, "_WORKERS", 1)
-    monkeypatch.setattr(parameter_uncertainty, "_AT_ONCE", 1)
-    monkeypatch.setattr(parameter_uncertainty, "penalised_fits", interrupted)
+    monkeypatch.setattr(resampling, "_WORKERS", 1)
+    monkeypatch.setattr(resampling, "_AT_ONCE", 1)
+    monkeypatch.setattr(resampling, "penalised_fits", interrupted)
     assert main(["identify", *map(str, arm), "--uncertainty", "--verbose"]) == code
     shown = capsys.readouterr()
     assert "7 estimates from segments" in shown.out and "; interrupted" in shown.out

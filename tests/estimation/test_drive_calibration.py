@@ -303,7 +303,7 @@ def test_a_calibration_is_the_optimum_of_misfit_and_prior_with_its_errors(
 @pytest.mark.parametrize("shown", [2**14, 150])
 @pytest.mark.parametrize("delay", [0.013, 0.0, -0.01, 0.04])
 def test_a_delay_is_that_of_least_squares_beside_friction(monkeypatch, delay, shown):
-    monkeypatch.setattr("consistent_id.estimation.drive_calibration.SHOWN", shown)
+    monkeypatch.setattr("consistent_id.estimation.delayed_commands.SHOWN", shown)
     log = Shifted(DriveCalibration(0.0, [1.0, 1.0], [0.0, 0.0]), noise=(0.2, 2.0))
     log.torque = log.torque - delay * log.effect
     found = command_delay(

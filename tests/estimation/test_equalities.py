@@ -6,7 +6,7 @@ from experiments import pendulum
 
 from consistent_id import FixedMasses
 from consistent_id.constraints import ParameterBounds
-from consistent_id.estimation.equalities import FreeParameters
+from consistent_id.estimation.determination import FreeParameters
 
 
 def test_directions_change_nothing_that_is_fixed_and_the_start_satisfies_it():

@@ -93,6 +93,7 @@ PRINTED = {
     "diagnosis/factor_findings.py": "clock, gain, lean",
     "diagnosis/torque_channel.py": "slope on nominal torque",
     "diagnosis/whole_robot.py": "gain of a joint",
+    "estimation/delayed_commands.py": "delay of commands",
     "estimation/determination.py": "Raw logs",
     "estimation/drive_calibration.py": "drive calibration",
     "estimation/payload.py": "payload",
@@ -106,7 +107,7 @@ PRINTED = {
     "report/residuals_section.py": "drift of a residual",
     "rollout/servo_result.py": "Parameters of a [servo]",
     "service/gain_check.py": "drive gains",
-    "service/weighing.py": "payload",
+    "service/load_quantities.py": "payload",
 }
 """Files that print a figure with its error, and where it is measured or discussed."""
 

@@ -27,7 +27,7 @@ from consistent_id.estimation import instrumental_variables, weighted_least_squa
 from consistent_id.estimation.base_least_squares import unconstrained_estimate
 from consistent_id.estimation.estimate_file import ReasonRecord
 from consistent_id.estimation.estimate_plot import draw_parameters, parameter_bars
-from consistent_id.estimation.uncertainties.parameter_uncertainty import bootstrap
+from consistent_id.estimation.uncertainties.resampling import bootstrap
 from consistent_id.estimation.verdict import Reason
 from consistent_id.regression import base_parameters, joint_noise, segment_regressions
 from consistent_id.regression.residual_noise import unconstrained_fit

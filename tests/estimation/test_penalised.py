@@ -6,9 +6,9 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from experiments import DRIVE
-from robots import random_body, random_robot, random_states
-from scipy.optimize import brentq, minimize, minimize_scalar
+from penalised_problems import noisy, objective
+from robots import random_body
+from scipy.optimize import minimize, minimize_scalar
 from some_fast import some_fast
 
 from consistent_id import (
@@ -16,15 +16,10 @@ from consistent_id import (
     InertialParameters,
     NonNegativeDrive,
     PhysicalConsistency,
-    Recording,
     SolverError,
-    TorqueModel,
-    build_regression,
-    simulate_torque,
 )
 from consistent_id.constraints import Penalty
 from consistent_id.constraints.cones.certificate import (
-    GAP_TOLERANCE,
     Parabola,
     ball_about,
     certify,
@@ -37,16 +32,11 @@ from consistent_id.estimation import penalised
 from consistent_id.estimation.best_fit import (
     REFERENCE,
     FitProblem,
-    best_fit,
     scaled_fit,
 )
 from consistent_id.estimation.constrained_fit import constrained_fit
 from consistent_id.estimation.penalised import (
-    DISTANCE_GAP,
     Compromise,
-    _WeightedPoint,
-    _WeightSearch,
-    nearest_within,
     penalised_fit,
     penalised_fits,
 )
@@ -61,21 +51,6 @@ from consistent_id.robot.log_cholesky import (
 BODIES = (PhysicalConsistency(margin=0.0), NonNegativeDrive())
 
 
-def noisy(seed, joints, drive=DRIVE, noise=0.1, samples=200):
-    """A robot other than the nominal one, and noise relative to its torque."""
-    rng = np.random.default_rng(seed)
-    _, robot = random_robot(rng, joints)
-    model = TorqueModel(robot, drive)
-    states = random_states(rng, joints, samples)
-    log = Recording(robot.joint_names, np.arange(samples) / 100, *states)
-    others = [random_body(rng).vector for _ in range(joints)]
-    extra = rng.uniform(0.1, 1.0, len(model.layout) - 10 * joints)
-    truth = np.concatenate([*others, extra])
-    sigma = noise * simulate_torque(model, truth, log).torque.std(axis=0) + 1e-9
-    log = simulate_torque(model, truth, log, noise=sigma, rng=rng)
-    return model, build_regression(model, log).weighted(sigma)
-
-
 def dimensionless(model, regression, distance="entropic", constraints=BODIES):
     fit = scaled_fit(model, regression, base_parameters(model), constraints)
     return fit, nominal_distance(model, distance, fit.unit)
@@ -85,10 +60,6 @@ def J(u, fit, k):
     """The pseudo-inertia of link `k` in dimensionless parameters."""
     own = slice(10 * k, 10 * k + 10)
     return pseudo_inertia(u[own] * fit.unit[own])
-
-
-def objective(fit, distance, weight, u):
-    return (fit.excess(u) + weight * distance.squared(u)) / 2
 
 
 def entropic_optimum_by_bfgs(model, regression, weight):
@@ -210,84 +181,6 @@ def test_a_step_by_which_a_body_becomes_thin_is_at_least_the_safe_one():
     compromise = Compromise(fit, distance, 1.0)
     taken = compromise.step_share(distance.along(u, step), u, step, 6.0)
     assert taken == pytest.approx(1.0 / 7.0, rel=1e-12)
-
-
-@pytest.mark.parametrize("slack", [1e-3, 0.03, 0.3])
-@pytest.mark.parametrize("noise", [0.01, 0.2])
-def test_the_nearest_point_within_a_slack_is_that_of_ridge_regression(noise, slack):
-    model, regression = noisy(3, joints=3, noise=noise)
-    best = best_fit(model, regression, (), base=base_parameters(model))
-    fit = best.scaled
-    distance = nominal_distance(model, "pullback", fit.unit)
-    G, g = distance.local(distance.nominal)
-
-    def ridge(weight):
-        A = np.vstack([fit.M, np.sqrt(weight) * G])
-        return np.linalg.lstsq(A, np.append(fit.z, np.sqrt(weight) * g))[0]
-
-    def misfit(u):
-        return np.sum((fit.M @ u - fit.z) ** 2) + fit.residual**2
-
-    limit = (1.0 + slack) ** 2 * misfit(best.solution.u)
-    if misfit(distance.nominal) <= limit:
-        exact = 0.0
-    else:
-        log = brentq(lambda log: misfit(ridge(np.exp(log))) - limit, -25.0, 15.0)
-        exact = np.sum((G @ ridge(np.exp(log)) - g) ** 2)
-    found = nearest_within(best, distance, slack)
-    u, squared = found.fit.solution.u, found.fit.squared_distance
-    assert found.slack == slack
-    assert found.allowed == pytest.approx(limit - misfit(best.solution.u), rel=1e-6)
-    assert misfit(u) <= limit * (1.0 + 1e-9)
-    assert squared == pytest.approx(np.sum((G @ u - g) ** 2), abs=1e-12)
-    assert found.distance_gap <= DISTANCE_GAP
-    # A squared distance below 0.01 counts as that.
-    assert exact - 1e-8 <= squared <= exact + found.distance_gap * max(squared, 0.01)
-
-
-@pytest.mark.parametrize("slack", [1e-3, 3.0])
-@pytest.mark.parametrize("finer", ["met", "missed", "beyond"])
-def test_a_proof_that_just_suffices_is_made_finer_for_the_distance(
-    monkeypatch, slack, finer
-):
-    """As of a solver that stops where the gap is as large as it may be."""
-    model, regression = noisy(3, joints=2, noise=0.3)
-    best = best_fit(model, regression, (), base=base_parameters(model))
-    distance = nominal_distance(model, "pullback", best.scaled.unit)
-    least = best.scaled.excess(best.solution.u) + 0.7  # as if the best fit had that
-    near = nearest_within(best, distance, slack)
-    fit, size = near.fit, max(near.fit.squared_distance, 0.01)
-    assert (fit.squared_distance > 0.01) == (slack < 1.0)
-    asked, optimum = [], Compromise.optimum
-
-    def just(self, start=None, *, gap=GAP_TOLERANCE):
-        assert np.array_equal(start, fit.solution.u)
-        asked.append(gap)
-        gap = 100.0 * gap if finer == "missed" else gap
-        found = optimum(self, start)
-        found = replace(found, excess=found.excess + 0.7)
-        if finer == "beyond":
-            found = replace(found, excess=least + 1.001 * near.allowed)
-        return replace(found, optimality=replace(found.optimality, gap=gap))
-
-    monkeypatch.setattr(Compromise, "optimum", just)
-    enough = replace(near, distance_gap=DISTANCE_GAP)
-    assert penalised._finer(best.scaled, distance, enough, least, 3.0) is enough
-    coarse = replace(near, distance_gap=2.0 * DISTANCE_GAP)
-    found = penalised._finer(best.scaled, distance, coarse, least, 3.0)
-    (gap,) = asked
-    # Half of what is allowed is for the proof, and half for what the slack leaves.
-    objective = max(fit.optimality.objective, REFERENCE)
-    proven = 2.0 * gap * objective / fit.weight
-    assert proven == pytest.approx(DISTANCE_GAP / 2.0 * size, rel=1e-9)
-    if finer == "met":
-        unused = (near.allowed - (fit.excess + 0.7 - least)) / fit.weight
-        expected = unused / size + DISTANCE_GAP / 2.0
-        assert found.distance_gap == pytest.approx(expected, rel=1e-6)
-        assert found.fit.optimality.gap == gap
-        assert (found.slack, found.allowed) == (slack, near.allowed)
-    else:
-        assert found is coarse
 
 
 def test_without_constraints_a_quadratic_distance_has_the_normal_equations_answer():
@@ -547,104 +440,3 @@ def test_newton_ends_with_a_tiny_step_or_two_idle_ones(monkeypatch, lengths, ste
     found = Compromise._newton(problem, distance, np.zeros(1))
     assert len(asked) == steps
     assert found.u == pytest.approx(sum(asked))
-
-
-def test_a_weight_is_sought_by_brackets_and_then_by_interpolation():
-    search = _WeightSearch(5.0)
-    # Upwards by the slope of 1.2, and 0.3 further; not more than a thousandfold.
-    assert search.narrowed(np.exp(-2.0)).log_weight == pytest.approx(5.3 + 2.0 / 1.2)
-    assert search.narrowed(np.exp(3.0)).log_weight == pytest.approx(4.7 - 3.0 / 1.2)
-    assert search.narrowed(1.0).log_weight == pytest.approx(5.3)
-    assert search.narrowed(1e-9).log_weight == pytest.approx(5.0 + np.log(1e3))
-    assert search.narrowed(np.exp(20.0)).log_weight == pytest.approx(5.0 - np.log(1e3))
-    # From the fourth step in one direction on, each is twice the one before.
-    steps = []
-    for _ in range(5):
-        further = search.narrowed(np.exp(-0.6))
-        steps.append(further.log_weight - search.log_weight)
-        search = further
-    assert steps == pytest.approx([0.8, 0.8, 0.8, 1.6, 3.2])
-
-
-def test_within_a_bracket_a_parabola_is_taken_and_its_ends_are_kept_away_from():
-    def narrowed(tried, used, widths=(), aim=0.98):
-        points = tuple(_WeightedPoint(*point) for point in tried)
-        return _WeightSearch(1.0, points, widths).narrowed(np.exp(used), aim)
-
-    line = narrowed([(0.0, -1.0)], 0.5)
-    assert line.log_weight == pytest.approx((1.0 + np.log(0.98)) / 1.5)
-    assert line.widths == (1.0,)
-
-    # Shares of a parabola in the weight; the farthest is left out.
-    def curve(u):
-        return 0.5 * u * u + 2.0 * u + 1.555
-
-    known = [(curve(u), u) for u in (-0.4, 0.5, -1.5)]
-    bent = narrowed([*known, (-9.0, -5.0)], -0.3, aim=0.9)
-    assert bent.log_weight == pytest.approx(curve(np.log(0.9)))
-    # An end is kept away from by a twentieth of the width.
-    assert narrowed([(0.0, -30.0)], 1e-3).log_weight == pytest.approx(0.95)
-    assert narrowed([(0.0, -1e-3)], 9.0).log_weight == pytest.approx(0.05)
-    # A third width that is not half of the first is halved; but not if it is small.
-    for widths, halved in (((1.9, 1.5), True), ((2.1, 1.5), False)):
-        found = narrowed([(0.0, -1.0)], 0.5, widths)
-        assert (found.log_weight == 0.5) is halved
-    assert narrowed([(0.71, -1.0)], 0.5, (0.3, 0.3)).log_weight != 0.71 + 0.29 / 2
-    assert narrowed([(0.69, -1.0)], 0.5, (0.3, 0.3)).log_weight == 0.69 + 0.31 / 2
-
-
-@pytest.fixture
-def search(monkeypatch):
-    """Search for a weight with stated optima; returns what was asked, and the result.
-
-    Of a weight ``w``, the misfit is ``4 + 9 w^2``, the squared distance ``2 / w``.
-    """
-
-    def run(verdicts, slack=0.5, gap=0.0, grows=9.0):
-        asked, verdicts = [], iter(verdicts)
-
-        def compromise(scaled, distance, weight, reach):
-            def optimum(start, **finer):
-                asked.append((weight, reach, start))
-                return SimpleNamespace(
-                    excess=4.0 + grows * weight**2,
-                    squared_distance=2.0 / weight,
-                    weight=weight,
-                    distance_gap=gap,
-                    solution=SimpleNamespace(u=len(asked)),
-                    optimality=SimpleNamespace(verdict=next(verdicts), objective=1.0),
-                )
-
-            return SimpleNamespace(optimum=optimum)
-
-        monkeypatch.setattr(penalised, "Compromise", compromise)
-        scaled = SimpleNamespace(excess=lambda u: 4.0, residual=1.5)
-        u, nominal = np.array([1.0, 2.0]), np.array([4.0, 6.0])
-        best = SimpleNamespace(scaled=scaled, solution=SimpleNamespace(u=u))
-        distance = SimpleNamespace(nominal=nominal)
-        return asked, nearest_within(best, distance, slack)
-
-    return run
-
-
-def test_a_weight_is_sought_whose_misfit_uses_up_the_slack(search):
-    asked, found = search(["certified"] * 99)
-    allowed = 1.25 * 6.25
-    assert found.allowed == pytest.approx(allowed)
-    w = found.fit.weight
-    assert 9.0 * w**2 <= allowed
-    assert found.distance_gap == pytest.approx((allowed - 9.0 * w**2) / w / (2.0 / w))
-    assert found.distance_gap <= DISTANCE_GAP
-    # Proofs hold twice as far as the nominal robot is from the best fit.
-    assert {reach for _, reach, _ in asked} == {10.0}
-    assert asked[0][::2] == (pytest.approx(allowed * np.exp(-12.0)), None)
-    assert asked[1][2] == 1  # from the point before
-
-
-@pytest.mark.parametrize(("proven", "tries"), [("", 5), ("y", 6), ("nny", 8)])
-def test_a_search_ends_after_five_fits_without_a_proof(search, proven, tries):
-    """And one more, finer, whose distance is not proven either."""
-    verdicts = ["certified" if p == "y" else "uncertified" for p in proven.ljust(99)]
-    asked, _ = search(verdicts, gap=1e3, grows=0.0)
-    assert len(asked) == tries + 1
-    assert len({weight for weight, *_ in asked}) == tries

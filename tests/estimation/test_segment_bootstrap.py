@@ -19,14 +19,14 @@ from consistent_id.estimation.constrained_fit import (
 from consistent_id.estimation.cross_validation import cross_validated
 from consistent_id.estimation.uncertainties import (
     parameter_scatter,
-    parameter_uncertainty,
+    resampling,
 )
 from consistent_id.estimation.uncertainties.parameter_scatter import (
     covariance,
     segment_scores,
     white_scores,
 )
-from consistent_id.estimation.uncertainties.parameter_uncertainty import bootstrap
+from consistent_id.estimation.uncertainties.resampling import bootstrap
 from consistent_id.regression import joint_noise
 from consistent_id.regression import segments as segment_rows
 from consistent_id.regression.base import base_parameters
@@ -34,7 +34,7 @@ from consistent_id.regression.segments import merged, segment_regressions
 
 PRIOR = Penalty(0.1)
 
-HERE = "consistent_id.estimation.uncertainties.parameter_uncertainty"
+HERE = "consistent_id.estimation.uncertainties.resampling"
 
 
 @lru_cache
@@ -53,7 +53,7 @@ def test_an_expanded_tail_of_the_bootstrapped_mean_is_students(count):
     # Means of drawn samples scatter by the standard deviation over n, not n - 1.
     sample = np.random.default_rng(count).normal(size=count)
     _, high = t.interval(0.95, count - 1, loc=sample.mean(), scale=sem(sample))
-    tail = parameter_uncertainty._expanded(0.025, count)
+    tail = resampling._expanded(0.025, count)
     scatter = sample.std(ddof=0) / np.sqrt(count)
     assert norm.isf(tail, sample.mean(), scatter) == pytest.approx(high)
 
@@ -167,8 +167,8 @@ def failing(monkeypatch, *, fails=frozenset(), interrupted=-1):
 
     Draws are fitted together, `_AT_ONCE` of them.
     """
-    solve, calls = parameter_uncertainty.penalised_fits, iter(range(10**6))
-    at_once = parameter_uncertainty._AT_ONCE
+    solve, calls = resampling.penalised_fits, iter(range(10**6))
+    at_once = resampling._AT_ONCE
 
     def sometimes(fits, *args):
         call = next(calls)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from consistent_id import ProblemError, Recording
-from consistent_id.estimation.drive_calibration import CalibrationFit, CommandDelay
+from consistent_id.estimation.delayed_commands import CommandDelay
+from consistent_id.estimation.drive_calibration import CalibrationFit
 from consistent_id.estimation.expected_error import ExpectedError, expected_error
 from consistent_id.estimation.influence import Influence
 from consistent_id.estimation.left_out import LeftOutErrors

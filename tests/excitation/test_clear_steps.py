@@ -8,10 +8,14 @@ from excited import arm, arm_limits, arm_problem
 from scipy import optimize
 
 from consistent_id import TorqueModel
-from consistent_id.excitation import clear_starts, programme
+from consistent_id.excitation import clear_poses, programme
 from consistent_id.excitation.aims import PathForm
-from consistent_id.excitation.clear_poses import cleared, worst_excess
-from consistent_id.excitation.clear_starts import PathLimits, clear_start
+from consistent_id.excitation.clear_poses import (
+    PathLimits,
+    clear_start,
+    cleared,
+    worst_excess,
+)
 from consistent_id.excitation.guards import ClearanceGuard
 from consistent_id.excitation.path_search import FoundPath, searched_path
 from consistent_id.excitation.programme import LinearRows, Local, best_step
@@ -179,8 +183,8 @@ def test_random_paths_swing_about_known_poses_where_none_is_clear(monkeypatch):
         clear = [any(np.array_equal(pose, one) for one in known) for pose in poses]
         return np.where(clear, -1.0, 1.0)
 
-    monkeypatch.setattr(clear_starts, "worst_excess", all_bad)
-    monkeypatch.setattr(clear_starts, "cleared", None)  # not called
+    monkeypatch.setattr(clear_poses, "worst_excess", all_bad)
+    monkeypatch.setattr(clear_poses, "cleared", None)  # not called
     path = replace(of, poses=known).drawn(0).path
     offset = of.basis.trajectory(path).offset
     assert len(seen) == 2

@@ -11,14 +11,15 @@ from excited import FRICTION, arm, arm_limits, arm_problem
 from consistent_id import InertialParameters, ProblemError, TorqueModel
 from consistent_id.cli import main
 from consistent_id.excitation.accuracy import predicted_accuracy, relative_accuracy
-from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.design import design_trajectory
-from consistent_id.excitation.interest import (
+from consistent_id.excitation.aims import (
+    Aim,
+    PathForm,
     base_for,
     interest_names,
     parameters_named,
     places_of_interest,
 )
+from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.sources import problem_to_excite, with_open_parameters
 from consistent_id.regression import base_parameters
 from consistent_id.regression.row_structure import random_regressor

@@ -8,7 +8,7 @@ import pytest
 
 import consistent_id as ci
 from consistent_id.cli import main
-from consistent_id.excitation.interest import base_for
+from consistent_id.excitation.aims import base_for
 from consistent_id.excitation.playable import what_moves, with_load
 from consistent_id.excitation.search_problem import search_problem
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from consistent_id.fleet.outliers import find_outliers
+from consistent_id.fleet.fleet_result import find_outliers
 
 
 def _factor(rng, x, columns, noise=1.0):

@@ -15,7 +15,9 @@ from consistent_id.laboratory.reproduction.budget import (
 )
 from consistent_id.laboratory.reproduction.error_analysis import (
     ErrorAnalysis,
+    Predictor,
     VariedAssumptions,
+    Verification,
 )
 from consistent_id.laboratory.reproduction.experiments import (
     IdentifiedExperiment,
@@ -27,10 +29,6 @@ from consistent_id.laboratory.reproduction.paper_study import (
     TASKS,
     PaperStudy,
     ScatterPlaces,
-)
-from consistent_id.laboratory.reproduction.paper_verification import (
-    Predictor,
-    Verification,
 )
 
 NAMES = ("a", "b")

@@ -15,8 +15,12 @@ from consistent_id import ModelError, ProblemError, TorqueModel, motion_limits
 from consistent_id.excitation.design_record import clearance_words
 from consistent_id.excitation.verification import demands
 from consistent_id.motion.collisions.clearance import prove_clearance
-from consistent_id.motion.collisions.file_tree import FileTree, file_tree
-from consistent_id.motion.collisions.hanging import hanging_bodies, swept
+from consistent_id.motion.collisions.hanging import (
+    FileTree,
+    file_tree,
+    hanging_bodies,
+    swept,
+)
 from consistent_id.motion.collisions.scene_building import scene_from_urdf
 from consistent_id.motion.collisions.separation import nearest
 from consistent_id.motion.collisions.urdf_bodies import urdf_shapes

@@ -14,7 +14,7 @@ from some_fast import some_fast
 from consistent_id import DHRow, DriveTerms, ProblemError, TorqueModel, from_modified_dh
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.moves import move_along
-from consistent_id.motion.proofs.interval import Interval
+from consistent_id.motion.proofs.extremes import Interval
 from consistent_id.motion.proofs.margins import motion_margins
 from consistent_id.motion.proofs.torque_bounds import (
     PathTorque,

@@ -15,7 +15,7 @@ from consistent_id.estimation.uncertainties.beyond_noise import parameter_shifts
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem_estimates import variant_regressions
 from consistent_id.problems.study import Study, run_study
-from consistent_id.regression.rows.sensor_drift import driftless_regression
+from consistent_id.regression.rows.wrench_sensor import driftless_regression
 
 BOX = ci.InertialParameters.from_central(2.0, [0.05, 0.02, 0.1], 0.02 * np.eye(3))
 HEAD = """

@@ -17,7 +17,7 @@ from consistent_id import (
     load_robot,
 )
 from consistent_id.problems import drafting, select_model
-from consistent_id.problems.given_logs import given_logs
+from consistent_id.problems.robot_logs import given_logs
 
 
 def arrays_of(log):

@@ -8,9 +8,8 @@ from logged import write_arm
 
 from consistent_id import draft_problem
 from consistent_id.errors import RecordingError
-from consistent_id.problems.needed_units import joined_options
 from consistent_id.problems.nominal_gains import NominalGains
-from consistent_id.problems.robot_logs import robot_logs, with_options
+from consistent_id.problems.robot_logs import joined_options, robot_logs, with_options
 from consistent_id.problems.statement import Statement
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
 

@@ -8,7 +8,7 @@ import pytest
 from consistent_id import ProblemError, load_problem
 from consistent_id.cli import main
 from consistent_id.problems import load_problems
-from consistent_id.problems.folder import problem_files
+from consistent_id.problems.loading import problem_files
 
 LEFT, RIGHT = 0.3, 0.5  # lengths of the upper arms, m
 

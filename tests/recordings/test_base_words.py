@@ -2,7 +2,7 @@
 
 import pytest
 
-from consistent_id.recordings.base_words import (
+from consistent_id.recordings.sensor_words import (
     base_names,
     contact_names,
     matched_frame,

@@ -9,8 +9,11 @@ from logged import write_arm
 from consistent_id.errors import RecordingError
 from consistent_id.problems.robot_logs import robot_logs
 from consistent_id.problems.statement import Statement
-from consistent_id.recordings.channel_clocks import own_clock, stem_of_clock
-from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_guess import (
+    guess_columns,
+    own_clock,
+    stem_of_clock,
+)
 from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.readers import read_recording
 

@@ -12,7 +12,7 @@ from consistent_id import (
     TorqueModel,
     from_modified_dh,
 )
-from consistent_id.problems.parametrisation import Combination, Parametrisation
+from consistent_id.problems.published import Combination, Parametrisation
 from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 from consistent_id.regression.torque_along import simulate_torque
 

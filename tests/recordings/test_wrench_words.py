@@ -2,7 +2,7 @@
 
 import pytest
 
-from consistent_id.recordings.wrench_words import wrench_names
+from consistent_id.recordings.sensor_words import wrench_names
 
 
 def axes(force, moment):

@@ -11,8 +11,8 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.base_least_squares import least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.given_regression import load_regression, save_regression
 from consistent_id.regression.regression import build_regression
-from consistent_id.regression.regression_file import load_regression, save_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
 

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 import consistent_id as ci
-from consistent_id.report.figures import motion_figure, torque_figure, write_figure
+from consistent_id.report.plot import motion_figure, torque_figure, write_figure
 
 ARM = ci.from_modified_dh("arm <2>", [ci.DHRow(0, 0, 0.3), ci.DHRow(-np.pi / 2, 0)])
 TIME = np.linspace(0.0, 2.0, 201)

@@ -5,10 +5,10 @@ import pytest
 from quadrupeds import quadruped_text
 
 from consistent_id import ModelError, ProblemError, TorqueModel
+from consistent_id.problems.stated_model import base_question
 from consistent_id.recordings import BaseMotion
 from consistent_id.regression import BASE_ROWS, base_parameters
 from consistent_id.robot import load_mjcf, load_urdf
-from consistent_id.robot.chains import base_question
 from consistent_id.robot.model import Joint, Link, RobotModel
 
 

@@ -15,9 +15,9 @@ import yaml
 from consistent_id._support.ownership import sealed
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.robot import FixedFrame, InertialParameters
+from consistent_id.robot.inertia import principal_inertia
 from consistent_id.service import CONTROLLER_FORMATS, ControllerLoad, controller_text
 from consistent_id.service.controller_formats import (
-    principal_inertia,
     quaternion_wxyz,
     turned_zyx,
 )

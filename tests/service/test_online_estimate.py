@@ -19,9 +19,8 @@ from consistent_id.regression.linear import triangle
 from consistent_id.robot.inertia import pseudo_inertia
 from consistent_id.service import LoadWatch, OnlineEstimate, control_model
 from consistent_id.service.load_watch import WINDOW, Quiet, WatchedRows
-from consistent_id.service.local_motion import local_motion
 from consistent_id.service.online_estimate import resolved
-from consistent_id.service.online_rows import without_body
+from consistent_id.service.running_log import local_motion, without_body
 from consistent_id.service.warm_fit import cone_coordinates, warm_fit
 
 NOISE = 0.1

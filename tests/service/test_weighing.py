@@ -22,8 +22,8 @@ from consistent_id import (
 from consistent_id.cli import main
 from consistent_id.constraints import FixedParameters
 from consistent_id.service import weigh_load
+from consistent_id.service.load_quantities import reasons_of_mass
 from consistent_id.service.loaded_runs import LoadedRuns
-from consistent_id.service.weighing import _of_mass
 
 PLAIN = {"select": False, "cutoff": 8.0}
 WORDS = ["--no-select", "--cutoff", "8"]
@@ -163,13 +163,13 @@ def test_a_stated_mass_is_kept_and_a_right_one_contradicts_nothing(problem, file
     ("scale", "kinds"), [(3.0, ()), (2.0, ("mass contradicts the scale",))]
 )
 def test_the_scale_s_mass_is_compared_with_that_of_the_torques(found, scale, kinds):
-    assert tuple(r.kind for r in _of_mass(found.payload, scale)) == kinds
+    assert tuple(r.kind for r in reasons_of_mass(found.payload, scale)) == kinds
 
 
 def test_a_mass_of_a_wide_interval_is_used_with_care(found):
     covariance = found.payload.covariance.copy()
     covariance[0, 0] = (0.2 * LOAD.mass) ** 2
-    (reason,) = _of_mass(replace(found.payload, covariance=covariance), None)
+    (reason,) = reasons_of_mass(replace(found.payload, covariance=covariance), None)
     assert (reason.kind, reason.word) == ("mass is uncertain", "use with care")
 
 

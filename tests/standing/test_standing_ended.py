@@ -11,7 +11,8 @@ import consistent_id as ci
 from consistent_id._support.run import Run, running, signals_raised
 from consistent_id.standing.forces_and_limits import StandingLimits
 from consistent_id.standing.stance import Stance, StandingFoot
-from consistent_id.standing.standing_design import design_standing, standing_tables
+from consistent_id.standing.standing_design import design_standing
+from consistent_id.standing.standing_files import standing_tables
 
 POSE = np.tile([0.1, 0.2, -0.9], 4)
 

@@ -234,7 +234,7 @@ def test_a_pool_of_another_size_is_replaced_and_not_resized(monkeypatch):
 
     monkeypatch.setattr(_ReusablePoolExecutor, "_resize", resized)
     # A pool that an earlier test left has been idle: its workers may be about to end.
-    monkeypatch.setattr(executors, "_pool_sizes", [])
+    monkeypatch.setattr("consistent_id._support.workers._pool_sizes", [])
     pids = []
     for workers in (2, 3, 3, 2):
         executor = Executor.named(f"processes:{workers}")

@@ -12,7 +12,7 @@ import consistent_id as ci
 from consistent_id.motion.files import write_trajectory
 from consistent_id.recordings import FourierTrajectory
 from consistent_id.recordings.log_formats import LOG_FORMATS
-from consistent_id.report.figures import draw_figure
+from consistent_id.report.plot import draw_figure
 
 ROOT = Path(__file__).parent.parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

@@ -19,7 +19,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint
 from consistent_id.errors import NotExcitedError
-from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.estimation.determination import FreeParameters, least_squares
 from consistent_id.estimation.uncertainties.block_scatter import (
     BLOCKS,
     BlockScatter,

@@ -25,7 +25,7 @@ from consistent_id._support.arrays import Array, BoolArray, Vector, freeze_array
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
 from consistent_id.errors import NotExcitedError
-from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.estimation.determination import FreeParameters, least_squares
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel

@@ -43,7 +43,6 @@ from consistent_id.laboratory.rehearsal.rehearsal import (
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.joint_paths import FourierTrajectory, JointPath
-from consistent_id.regression.regressor import TorqueModel
 
 DESIGN = "design"
 _RANDOM = 3  # random paths among the rivals
@@ -200,6 +199,22 @@ def _kept(share: float) -> str:
     return "yes" if share <= 1.0 + _KEPT else "no"
 
 
+def _planted(
+    rehearsed: Rehearsed,
+    limits: MotionLimits,
+    currents: float | None,
+    robots: int,
+    seed: int,
+) -> list[PlantedRobot]:
+    """Return so many robots near the nominal one."""
+    known = None if rehearsed.parameters is None else rehearsed.parameters[0]
+    robot = rehearsed.model.robot
+    return [
+        planted_robot(robot, limits, rng, currents, known)
+        for rng in (np.random.default_rng((seed, k)) for k in range(robots))
+    ]
+
+
 def _rehearsed(problem: Problem, aim: Aim, parameters: ArrayLike | None) -> Rehearsed:
     """Return the model that is rehearsed; refuse what no motion alone identifies."""
     if aim.others == "known":
@@ -269,8 +284,7 @@ def dry_run(
     request, where = design_request(problem), Executor.chosen(executor)
     rehearsed = _rehearsed(problem, request.aim, parameters)
     model = rehearsed.model
-    aim = replace(request.aim, interest=rehearsed.interest)
-    aim = _with_noise(aim, model, request.limits)
+    aim = _rehearsed_aim(request.aim, rehearsed, request.limits)
 
     def designed(aim: Aim, forms: tuple[PathForm, ...]) -> ExcitationDesign:
         return design_trajectory(
@@ -287,16 +301,11 @@ def dry_run(
         other: Objective = "D" if aim.objective == "condition" else "condition"
         rival = designed(replace(aim, objective=other), (design.form,))
         paths |= _stages(rival, other) | _simple_motions(design, aim, seed)
-    known = None if rehearsed.parameters is None else rehearsed.parameters[0]
-    planted = [
-        planted_robot(model.robot, request.limits, rng, currents, known)
-        for rng in (np.random.default_rng((seed, k)) for k in range(robots))
-    ]
     motions = _predicted(design, paths)
     rehearsals = played_by_all(
         _plan(design, request.limits, seed),
         motions,
-        planted,
+        _planted(rehearsed, request.limits, currents, robots, seed),
         executor=where,
         progress=progress,
     )
@@ -353,8 +362,9 @@ def _peaks(
     return np.array([reached, np.broadcast_to(shares, reached.shape)]).reshape(2, -1)
 
 
-def _with_noise(aim: Aim, model: TorqueModel, limits: MotionLimits) -> Aim:
+def _rehearsed_aim(aim: Aim, rehearsed: Rehearsed, limits: MotionLimits) -> Aim:
     """Return the aim with noise: as stated, half a percent of effort, or 1 N m."""
+    aim, model = replace(aim, interest=rehearsed.interest), rehearsed.model
     assumed = with_default_noise(replace(aim, objective="D"), model, limits)
     noise: Vector = assumed.noise_of(model.torque_joints)
     if aim.noise is not None or aim.objective == "condition":

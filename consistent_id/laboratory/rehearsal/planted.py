@@ -14,7 +14,7 @@ from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, freez
 from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.excitation.interest import is_named, parameters_named
+from consistent_id.excitation.aims import is_named, parameters_named
 from consistent_id.export.mjcf_bodies import require_mujoco
 from consistent_id.export.mjcf_export import mujoco_spec
 from consistent_id.motion.limits import MotionLimits

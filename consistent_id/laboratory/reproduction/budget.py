@@ -17,9 +17,12 @@ from consistent_id._support.executors import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.laboratory.experiment import Laboratory
 from consistent_id.laboratory.reproduction.experiments import Reproduction
-from consistent_id.problems.parametrisation import Parametrisation
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.published import parametrisation_of, published_table
+from consistent_id.problems.published import (
+    Parametrisation,
+    parametrisation_of,
+    published_table,
+)
 from consistent_id.recordings.recording import Recording, states
 from consistent_id.recordings.signals.clocks import uniform_rate
 from consistent_id.regression.linear import solve_linear

@@ -29,9 +29,9 @@ from consistent_id.laboratory.from_problem import (
     laboratory_table,
     task_motion,
 )
-from consistent_id.problems.parametrisation import Parametrisation
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import (
+    Parametrisation,
     central_inertia_of,
     parametrisation_of,
     published_least_squares,

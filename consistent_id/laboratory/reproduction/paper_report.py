@@ -18,6 +18,7 @@ from consistent_id._support.files import (
 )
 from consistent_id._support.tables import Table
 from consistent_id.laboratory.reproduction import paper_figures as figures
+from consistent_id.laboratory.reproduction.error_analysis import Verification
 from consistent_id.laboratory.reproduction.experiments import InertiaTable, Reproduction
 from consistent_id.laboratory.reproduction.paper_study import PaperStudy
 from consistent_id.laboratory.reproduction.paper_tables import (
@@ -35,7 +36,6 @@ from consistent_id.laboratory.reproduction.paper_tables import (
     tempo_table,
     verification_table,
 )
-from consistent_id.laboratory.reproduction.paper_verification import Verification
 from consistent_id.problems.published import published_table
 from consistent_id.report.markup import Html, joined, paragraphs, table_html, tag
 from consistent_id.report.page import document

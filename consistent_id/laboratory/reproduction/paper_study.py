@@ -23,7 +23,11 @@ from consistent_id.laboratory.from_problem import (
 from consistent_id.laboratory.reproduction.budget import PrintedSpread, printed_spread
 from consistent_id.laboratory.reproduction.error_analysis import (
     ErrorAnalysis,
+    Verification,
     analyse_errors,
+    mean_predictors,
+    verification_motions,
+    verify,
 )
 from consistent_id.laboratory.reproduction.experiments import (
     METHODS,
@@ -31,12 +35,6 @@ from consistent_id.laboratory.reproduction.experiments import (
     Reproduction,
     inertia_tables,
     perform_experiments,
-)
-from consistent_id.laboratory.reproduction.paper_verification import (
-    Verification,
-    mean_predictors,
-    verification_motions,
-    verify,
 )
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
@@ -211,24 +209,16 @@ def reproduce(
     sets = exciting_sets(problem, motions, extent, seed=seed)
     along = {TASKS: motions} | {one.name: one.motions(motions) for one in sets}
     progress("experiments")
-    with_friction = {
-        name: perform_experiments(problem, inertial, own) for name, own in along.items()
-    }
-    smooth = {
-        name: perform_experiments(problem, inertial, along[name], friction=False)
-        for name in _without_friction(along)
-    }
+    with_friction = _performed(problem, inertial, along, along, friction=True)
+    few = _without_friction(along)
+    smooth = _performed(problem, inertial, along, few, friction=False)
+    done = with_friction[TASKS]
     others = other_seeds(problem, inertial, motions, extent.seeds)
     progress("where errors come from")
     instead = {one.name: along[one.name] for one in sets if one.name != REPEATED}
     laboratory = laboratory_of(problem, inertial)
     error_analysis = analyse_errors(
-        problem,
-        laboratory,
-        with_friction[TASKS],
-        instead,
-        draws=extent.draws,
-        seed=seed,
+        problem, laboratory, done, instead, draws=extent.draws, seed=seed
     )
     progress("verification")
     return PaperStudy(
@@ -242,7 +232,7 @@ def reproduce(
         sets=sets,
         error_analysis=error_analysis,
         spread=printed_spread(problem, place.most_scattered),
-        inertia=inertia_tables(problem, inertial, with_friction[TASKS]),
+        inertia=inertia_tables(problem, inertial, done),
         verification=_verified(problem, laboratory, with_friction, extent),
         verification_without_friction=_verified(
             problem, laboratory.without_friction(), smooth, extent
@@ -255,6 +245,21 @@ def _without_friction(along: Iterable[str]) -> Iterable[str]:
     """Return the motions that are also done without friction: tasks, and the last."""
     *_, last = (name for name in along if name != REPEATED)
     return dict.fromkeys((TASKS, last))
+
+
+def _performed(
+    problem: Problem,
+    inertial: Vector,
+    along: Mapping[str, Mapping[str, Recording]],
+    names: Iterable[str],
+    *,
+    friction: bool,
+) -> dict[str, Reproduction]:
+    """Perform experiments along some sets of motions."""
+    return {
+        name: perform_experiments(problem, inertial, along[name], friction=friction)
+        for name in names
+    }
 
 
 def _require(problem: Problem, extent: Extent, seed: int) -> LaboratoryTable:

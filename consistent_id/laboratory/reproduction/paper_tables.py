@@ -6,6 +6,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.tables import Table
+from consistent_id.laboratory.reproduction.error_analysis import Verification
 from consistent_id.laboratory.reproduction.experiments import (
     ENTRIES,
     InertiaTable,
@@ -13,7 +14,6 @@ from consistent_id.laboratory.reproduction.experiments import (
     Reproduction,
 )
 from consistent_id.laboratory.reproduction.paper_study import TASKS, PaperStudy
-from consistent_id.laboratory.reproduction.paper_verification import Verification
 from consistent_id.problems.published import published_table
 
 _QUANTILES = (0.0, 0.1, 0.5, 0.9, 1.0)

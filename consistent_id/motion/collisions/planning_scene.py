@@ -32,7 +32,7 @@ from consistent_id.motion.collisions.bodies import (
     Shape,
     Sphere,
 )
-from consistent_id.motion.files.ros import plain_yaml
+from consistent_id.motion.files.robot_formats import plain_yaml
 from consistent_id.robot.kinematics import FixedPlace, fixed_place
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.solids import mesh_vertices

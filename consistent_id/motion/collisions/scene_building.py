@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.motion.collisions.bodies import Body, plane
-from consistent_id.motion.collisions.file_tree import file_tree
-from consistent_id.motion.collisions.hanging import hanging_bodies
+from consistent_id.motion.collisions.hanging import Hanging, file_tree, hanging_bodies
 from consistent_id.motion.collisions.scene import (
     Pair,
     PairNote,
@@ -21,7 +20,11 @@ from consistent_id.motion.collisions.scene import (
     place_of,
 )
 from consistent_id.motion.collisions.separation import nearest
-from consistent_id.motion.collisions.urdf_bodies import Elements, urdf_shapes
+from consistent_id.motion.collisions.urdf_bodies import (
+    Elements,
+    UrdfShapes,
+    urdf_shapes,
+)
 from consistent_id.robot.model import (
     Joint,
     JointLimits,
@@ -165,24 +168,21 @@ def scene_from_urdf(
     if not bodies:
         raise _without_bodies(path, robot, len(shapes.bodies), elements)
     tree = file_tree(shapes.root)
-    others = [body for body in shapes.bodies if not _has(robot, body)]
+    others = (body for body in shapes.bodies if not _has(robot, body))
     hanging = hanging_bodies(tree, robot, others)
     shaped = {body.frame or "" for body in shapes.bodies}
     swept = tuple(body.name for body in hanging.bodies)
+    added = [*([] if ground is None else [plane(ground)]), *added]
 
     def connected(first: Body, second: Body) -> bool:
-        one, other = (
-            b.name if b.name in swept else b.frame or "" for b in (first, second)
-        )
-        return tree.connected(one, other, shaped)
-
-    floor = [] if ground is None else [plane(ground)]
+        ends = [b.name if b.name in swept else b.frame or "" for b in (first, second)]
+        return tree.connected(ends[0], ends[1], shaped)
 
     def with_hanging(left_out: Container[str]) -> Scene:
         others = [body for body in hanging.bodies if body.name not in left_out]
         return build_scene(
             robot,
-            [*floor, *added, *bodies, *others],
+            [*added, *bodies, *others],
             clearance=clearance,
             relax=relax,
             extra=extra,
@@ -193,19 +193,32 @@ def scene_from_urdf(
     scene = with_hanging(())
     touching = hanging.touching(scene)
     if touching and not readable_only:
-        raise ProblemError(
-            f"{next(iter(touching.values()))}. Lock them where they stand: "
-            f"{hanging.locks(touching)}, or [model] locked"
-        )
+        raise _touching_whatever_the_pose(hanging, touching)
     if touching:
         scene = with_hanging(touching)
+    swept = tuple(name for name in swept if name not in touching)
+    return replace(scene, dropped=_dropped(shapes, hanging, touching), swept=swept)
+
+
+def _touching_whatever_the_pose(
+    hanging: Hanging, touching: Mapping[str, str]
+) -> ProblemError:
+    """Return the error of hanging bodies that touch the robot in all its poses."""
+    return ProblemError(
+        f"{next(iter(touching.values()))}. Lock them where they stand: "
+        f"{hanging.locks(touching)}, or [model] locked"
+    )
+
+
+def _dropped(
+    shapes: UrdfShapes, hanging: Hanging, touching: Mapping[str, str]
+) -> tuple[tuple[str, str], ...]:
+    """Return the links that are not in a scene, and the reasons."""
     unread = ((link.name, link.reason) for link in shapes.unread)
     at_large = (
         (name, f"{why}: {hanging.locks([name])}") for name, why in touching.items()
     )
-    dropped = (*unread, *shapes.bare, *hanging.lost, *at_large)
-    swept = tuple(name for name in swept if name not in touching)
-    return replace(scene, dropped=dropped, swept=swept)
+    return (*unread, *shapes.bare, *hanging.lost, *at_large)
 
 
 def _without_bodies(

@@ -18,12 +18,6 @@ from consistent_id._support.arrays import Vector, number
 from consistent_id._support.extras import needed
 from consistent_id._support.files import write_atomically
 from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.motion.files.controller_targets import (
-    CYCLES,
-    franka_of,
-    rsi_of,
-    urscript_of,
-)
 from consistent_id.motion.files.document import (
     ExactPath,
     content_of,
@@ -34,7 +28,14 @@ from consistent_id.motion.files.document import (
     require_names,
     require_rest,
 )
-from consistent_id.motion.files.ros import message_of, samples_of_message
+from consistent_id.motion.files.robot_formats import (
+    CYCLES,
+    franka_of,
+    message_of,
+    rsi_of,
+    samples_of_message,
+    urscript_of,
+)
 from consistent_id.motion.proofs.extremes import smooth_pieces
 from consistent_id.recordings.joint_paths import JointPath, sampled
 from consistent_id.recordings.readers import Columns, read_recording

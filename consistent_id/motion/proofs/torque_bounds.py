@@ -27,13 +27,13 @@ from consistent_id.errors import ProblemError
 from consistent_id.motion.proofs.extremes import (
     Enclosed,
     Enclosure,
+    Interval,
     Peaks,
     bounds_of,
     path_interval,
     peaks,
     smooth_pieces,
 )
-from consistent_id.motion.proofs.interval import Interval
 from consistent_id.motion.proofs.torque_motion import SmoothTorque, smooth_torque
 from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.drive.term import JointSamples, term_columns

@@ -14,8 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.motion.proofs.extremes import path_interval
-from consistent_id.motion.proofs.interval import Interval
+from consistent_id.motion.proofs.extremes import Interval, path_interval
 from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.problems.statement import Statement
-from consistent_id.recordings.base_words import BaseNames, BaseRole
 from consistent_id.recordings.column_names import shown
 from consistent_id.recordings.readers.beside_columns import (
     BaseColumns,
@@ -22,6 +21,7 @@ from consistent_id.recordings.readers.beside_columns import (
     columns,
     names_of,
 )
+from consistent_id.recordings.sensor_words import BaseNames, BaseRole
 from consistent_id.recordings.signals.base_signals import quaternion_order
 from consistent_id.robot.loaders.mjcf_spec import read_spec
 from consistent_id.robot.loaders.robot_file import is_mjcf

@@ -11,10 +11,10 @@ from consistent_id.errors import RecordingError
 from consistent_id.motion.collisions.bodies import Sphere
 from consistent_id.motion.collisions.urdf_bodies import link_bodies
 from consistent_id.problems.task_tables import ALWAYS
-from consistent_id.recordings.base_words import contact_names, matched_frame
 from consistent_id.recordings.column_names import shown
 from consistent_id.recordings.readers.beside_columns import ContactColumns
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.sensor_words import contact_names, matched_frame
 from consistent_id.recordings.signals import differentiated, low_passed, resampled
 from consistent_id.recordings.signals.base_signals import stretches
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate

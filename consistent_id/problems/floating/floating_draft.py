@@ -30,7 +30,6 @@ from consistent_id.problems.floating.contact_guess import (
     stated_contacts,
 )
 from consistent_id.problems.statement import Statement
-from consistent_id.recordings.base_words import BaseNames, BaseRole, base_names
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.beside_columns import BaseColumns, BesideColumns
 from consistent_id.recordings.readers.named_arrays import read_parts, stored_name
@@ -38,6 +37,7 @@ from consistent_id.recordings.readers.recording_file import column_names, reader
 from consistent_id.recordings.readers.units import is_time
 from consistent_id.recordings.readers.used_rows import UsedRows
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.sensor_words import BaseNames, BaseRole, base_names
 from consistent_id.robot.loaders.mjcf_spec import read_spec
 from consistent_id.robot.loaders.robot_file import is_mjcf
 from consistent_id.robot.model import RobotModel

@@ -89,12 +89,8 @@ class Track:
         channels: dict[str, Any] = {"position": np.zeros(np.shape(self.values))}
         channels[self.channel] = self.values
         checked = Recording(self.joints, self.time, **channels, name=self.name)
-        freeze(
-            self,
-            joints=checked.joints,
-            time=checked.time,
-            values=getattr(checked, self.channel),
-        )
+        values = getattr(checked, self.channel)
+        freeze(self, joints=checked.joints, time=checked.time, values=values)
 
     def of(self, joints: tuple[str, ...]) -> Self:
         """Return the named joints' values, in the given order."""
@@ -428,10 +424,9 @@ def _best_shift(
     alike = (delay.correlations**2 * total).sum() / total.sum()
     if not alike > _ALIKE:
         raise RecordingError(
-            f"no delay up to {longest:g} s makes the signals similar: the "
-            f"correlations of {', '.join(joints)} are "
-            f"{np.round(delay.correlations, 2).tolist()} at best. Check columns, "
-            f"units and signs, or raise longest"
+            f"no delay up to {longest:g} s makes the signals similar: the correlations "
+            f"of {', '.join(joints)} are {np.round(delay.correlations, 2).tolist()} at "
+            "best. Check columns, units and signs, or raise longest"
         )
     if abs(delay.seconds) > longest * (1 - 1e-3):
         raise RecordingError(

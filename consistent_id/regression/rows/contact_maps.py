@@ -31,6 +31,7 @@ from consistent_id._support.arrays import (
     Vector,
     chunks,
 )
+from consistent_id._support.caches import kept_with
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.beside import ContactFlags
 from consistent_id.recordings.recording import Recording
@@ -427,3 +428,27 @@ def without_slip(robot: RobotModel, recording: Recording, speed: float) -> Recor
         return replace(whole, contacts=contacts)
 
     return altered(recording, change)
+
+
+@kept_with(1, most=4)
+def mixing_of(model: TorqueModel, recording: Recording) -> ContactMixing | None:
+    """Return the mixing of a recording's rows, with its maps kept in memory.
+
+    A study goes along the same few recordings again and again, and finding maps takes
+    longer than all other work with them.
+    """
+    unknown = unknown_rows(model, recording)
+    found = contact_mixing(model.robot, model.torque_joints, recording, unknown)
+    return None if found is None else found.holding()
+
+
+def unknown_rows(model: TorqueModel, recording: Recording) -> BoolArray | None:
+    """Return where a row contains unknown torque, shape (samples, rows)."""
+    known, joints = recording.torque_known, recording.joints
+    if known is None or known.all():
+        return None
+    rows = [
+        ~known[:, joints.index(name)] if name in joints else np.zeros(len(known), bool)
+        for name in model.torque_joints
+    ]
+    return np.column_stack(rows)

@@ -108,6 +108,17 @@ def joint_positions(robot: RobotModel, recording: Recording) -> Matrix:
     return recording.of(robot.joint_names).position
 
 
+def state_of(
+    model: TorqueModel, recording: Recording
+) -> tuple[Array, Array | None, Array | None]:
+    """Return position, velocity and acceleration in the robot's order of joints."""
+    if not len(model.robot):  # one body, all of whose motion is the base's
+        still = np.zeros((len(recording), 0))
+        return still, still, still
+    log = recording.of(model.robot.joint_names)
+    return log.position, log.velocity, log.acceleration
+
+
 def _in_base_axes(wrench: Wrench, recording: Recording, frame: Array) -> Matrix:
     """Return a wrench in base axes, shape (samples, 6).
 

@@ -16,13 +16,13 @@ from consistent_id import (
 from consistent_id.regression import tool_model
 from consistent_id.regression.correlated_noise import spectral_noise, white_noise
 from consistent_id.regression.model_errors import JointFit
-from consistent_id.regression.rows.sensor_drift import (
+from consistent_id.regression.rows.wrench_sensor import (
     _noise,
     bias_along,
+    carried,
     driftless_regression,
     driftless_segments,
 )
-from consistent_id.regression.rows.wrench_sensor import carried
 
 RIGHT = np.pi / 2
 START = np.array([3.0, -2.0, 5.0, 0.1, -0.2, 0.05])
