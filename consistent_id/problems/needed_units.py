@@ -8,12 +8,18 @@ gains of currents that they imply would be wrong.
 import shlex
 from collections.abc import Sequence
 
+import numpy as np
+
 from consistent_id.diagnosis.clock import clock_unit
 from consistent_id.diagnosis.findings import FoundUnit
 from consistent_id.diagnosis.wrong_units import travel_unit
 from consistent_id.problems.statement import Statement
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import unwrapped
 from consistent_id.robot.model import RobotModel
+
+_WHOLE = 0.8  # of a turn: a jump by a whole one
+_STEADY = 1.0  # rad, between samples that do not jump
 
 
 def needed_unit(
@@ -33,6 +39,15 @@ def needed_unit(
     if found is None and "position" not in units:
         return travel_unit(robot, log)
     return found
+
+
+def wraps(log: Recording) -> bool:
+    """Return whether positions jump by whole turns, and by no other steps."""
+    most, undone = (
+        float(abs(np.diff(each.position, axis=0)).max(initial=0.0))
+        for each in (log, unwrapped(log))
+    )
+    return most > _WHOLE * 2.0 * np.pi and undone < _STEADY
 
 
 def joined_options(options: Sequence[str]) -> str:

@@ -9,13 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from consistent_id.errors import ModelError, ProblemError, RecordingError
 from consistent_id.problems.found_logs import RobotLogs, found_logs, read_logs
 from consistent_id.problems.needed_units import (
     joined_options,
     needed_unit,
+    wraps,
 )
 from consistent_id.problems.nominal_gains import (
     NominalGains,
@@ -39,8 +38,6 @@ from consistent_id.recordings.signals import unwrapped
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
 _HEAD = 1_000  # characters of a file that show what it is
 _MOST_REMEDIES = 4
-_WHOLE = 0.8  # of a turn: a jump by a whole one
-_STEADY = 1.0  # rad, between samples that do not jump
 
 
 def robot_logs(
@@ -132,7 +129,7 @@ def _further(
             return said, further
         given = joined_options([*options, *further])
         logs, read, more = with_options(model, log, stated, given, tables)
-    if more.wraps is None and _wraps(read):
+    if more.wraps is None and wraps(read):
         said.append("Then positions jump by whole turns")
         further.append("--wraps undo")
         read = unwrapped(read)
@@ -170,15 +167,6 @@ def with_options(
     more = _stated_with(stated, shlex.split(filled))
     logs, read = read_logs(found_logs(model, log, more, tables or {}), [log])
     return ReadLog(logs, read[log], more)
-
-
-def _wraps(log: Recording) -> bool:
-    """Return whether positions jump by whole turns, and by no other steps."""
-    most, undone = (
-        float(abs(np.diff(each.position, axis=0)).max(initial=0.0))
-        for each in (log, unwrapped(log))
-    )
-    return most > _WHOLE * 2.0 * np.pi and undone < _STEADY
 
 
 def _stated_with(stated: Statement, words: Sequence[str]) -> Statement:
