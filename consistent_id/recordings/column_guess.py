@@ -32,6 +32,7 @@ from consistent_id.recordings.column_proposals import (
 )
 from consistent_id.recordings.column_words import (
     CHANNELS,
+    channel_of,
     is_bare,
     says_unit_of,
     unit_of,
@@ -44,7 +45,11 @@ from consistent_id.recordings.mixed_columns import (
 from consistent_id.recordings.own_names import mapping_advice, mapping_option
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.csv_header import lacks_names
-from consistent_id.recordings.readers.recording_file import column_names, reader_of
+from consistent_id.recordings.readers.recording_file import (
+    column_names,
+    read_whole,
+    reader_of,
+)
 from consistent_id.recordings.readers.table_folder import require_one_run
 from consistent_id.recordings.readers.units import KNOWN, SI, listed_names
 from consistent_id.recordings.recording import COMMANDS
@@ -176,7 +181,8 @@ def _choice_notes(
     if len(each_name := listed_names(best.text)) > 1:
         notes.append(f"{channel} is read from {', '.join(each_name)}")
     is_doubtful = doubt(channel, best.text) >= DOUBTFUL
-    if is_doubtful or is_bare(best.text) or says_unit_of(channel, best.text):
+    only_bare = is_bare(best.text) and not channel_of(best.text)
+    if is_doubtful or only_bare or says_unit_of(channel, best.text):
         notes.append(f"{best.text} is taken as the {channel}: no other column is")
     if also := rivals(best, others):
         notes.append(f"{channel} is read from {best.text}, not from {also}")
@@ -202,7 +208,7 @@ def _with_listed_joints(
     patterns = candidates("position", names, known.joints, known)
     arrays = [p.text for p in patterns if p.is_array]
     listed = listed_joints(log, names, known.joints) if arrays else ()
-    read = reader_of(log).read_arrays(log, arrays) if listed else {}
+    read = read_whole(log, arrays) if listed else {}
     if not any(len(listed) in np.shape(values) for values in read.values()):
         return known, ()
     here = tuple(joint for joint in known.joints if joint in listed)
@@ -282,7 +288,7 @@ def _with_motion(
     arrays = [p.text for p in patterns if p.is_array]
     if len(arrays) < 2 or len(arrays) < len(patterns):
         return list(patterns)
-    read = reader_of(log).read_arrays(log, arrays)
+    read = read_whole(log, arrays)
     empty = {name: _empty_joints(read[name], joints) for name in arrays}
     return [p for p in patterns if empty[p.text] == min(empty.values())]
 

@@ -431,6 +431,42 @@ def test_rates_errors_and_computed_torques_are_told_apart(name, channel):
     assert channel_of(name) == channel
 
 
+@pytest.mark.parametrize(
+    ("name", "channel"),
+    [
+        ("out.q.time", ""),
+        ("q.signals.dimensions", ""),
+        ("observation/robot_state/joint_velocities", "velocity"),
+        ("observation/robot_state/motor_torques", "torque"),
+        ("observation.state", "position"),
+    ],
+)
+def test_clocks_and_other_channels_of_a_state_are_no_positions(name, channel):
+    assert channel_of(name) == channel
+
+
+@pytest.mark.parametrize("word", ["meas", "msr", "fbk"])
+def test_measured_numbers_of_joints_are_positions(tmp_path, word):
+    names = ["time", *numbered(f"A{{}}_{word}", "A{}_cmd", "A{}_torque")]
+    assert guessed(tmp_path, names).columns.position == f"A{{number}}_{word}"
+
+
+def test_commands_of_torque_are_proposed_where_none_is_measured(tmp_path):
+    names = ["time", *numbered("q{}", "tau_cmd{}", "tau_ext{}")]
+    with pytest.raises(RecordingError, match="commands of torque, not") as refused:
+        guessed(tmp_path, names)
+    assert refused.value.options == "--torque 'tau_cmd{number}'"
+    with pytest.raises(RecordingError, match="cannot be found without torque"):
+        guessed(tmp_path, names[:7] + names[13:])
+
+
+def test_a_drives_turns_are_read_in_radians(tmp_path):
+    names = [f"axis{k}.encoder.{c}_estimate" for c in ("pos", "vel") for k in range(6)]
+    names += [f"axis{k}.motor.torque_estimate" for k in range(6)]
+    units = guessed(tmp_path, ["time", *names]).columns.units
+    assert units == {"position": "rev", "velocity": "rev/s"}
+
+
 def test_the_only_unknown_columns_are_proposed_as_the_torque(tmp_path):
     names = ["time", *numbered("q_{}", "Ist_{}", "q_err_{}")]
     with pytest.raises(RecordingError, match=r"only Ist_\{1\.\.6\}") as refused:
