@@ -16,6 +16,7 @@ import numpy as np
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.channel_clocks import require_one_clock
+from consistent_id.recordings.column_marks import most_common_source, of_one_source
 from consistent_id.recordings.column_names import (
     DOUBTFUL,
     NamePattern,
@@ -140,6 +141,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         if channel in known.channels:
             continue
         patterns = candidates(channel, names, moved, known)
+        patterns = _of_one_source(channel, patterns, names, found, known)
         patterns = [p for p in patterns if not (flat and p.is_array)]
         if in_file:
             patterns = _with_motion(log, patterns, len(listed or moved))
@@ -168,6 +170,22 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         order = listed or array_order(log, names, tuple(found.array_joints))
         found = replace(found, array_joints=order)
     return ColumnGuess(found, moved, tuple(notes))
+
+
+def _of_one_source(
+    channel: str,
+    patterns: Sequence[NamePattern],
+    names: Sequence[str],
+    found: Columns,
+    known: KnownColumns,
+) -> list[NamePattern]:
+    """Return patterns, of equally good ones that of the other channels' source first."""
+    if channel != "position":
+        return of_one_source(channel, patterns, found.position)
+    others = [c for c in ("velocity", known.effort) if c not in known.channels]
+    of_others = {c: candidates(c, names, known.joints, known) for c in others}
+    stated = {c: [NamePattern(n, ())] for c, n in known.channels.items() if c != "time"}
+    return most_common_source(patterns, of_others | stated)
 
 
 def _choice_notes(

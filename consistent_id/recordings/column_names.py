@@ -294,15 +294,19 @@ def _name_patterns(
     return tuple(
         sorted(
             fitting,
-            key=lambda p: (
-                -len(p.joints),
-                doubt(channel, p.text),
-                bool(words(p.text) & _OF_A_MOTOR),  # torques of motors, last
-                "{joint}" not in p.text,
-                not words(p.text) & _OF_JOINTS,
-                len(p.text),
-            ),
+            key=lambda p: (*rank(channel, p), len(p.text)),
         )
+    )
+
+
+def rank(channel: str, pattern: NamePattern) -> tuple[int, ...]:
+    """Return the rank of a pattern of a channel: the lower, the better."""
+    return (
+        -len(pattern.joints),
+        doubt(channel, pattern.text),
+        int(bool(words(pattern.text) & _OF_A_MOTOR)),  # torques of motors, last
+        int("{joint}" not in pattern.text),
+        int(not words(pattern.text) & _OF_JOINTS),
     )
 
 

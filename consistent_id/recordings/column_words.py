@@ -117,6 +117,22 @@ def words(pattern: str) -> set[str]:
     }
 
 
+def further_words(pattern: str) -> frozenset[str]:
+    """Return the words of a pattern that are of no channel, unit, joint or reading.
+
+    Examples
+    --------
+    >>> sorted(further_words("left_arm_q_{joint}")), sorted(further_words("q{number}"))
+    (['arm', 'left'], [])
+    """
+    rest = next(
+        (b for c in CHANNELS if (b := before_unit_of(c, pattern)) is not None), pattern
+    )
+    apart = _GLUED.sub(r"\1 ", HUMP.sub(" ", _JOINT.sub(" ", rest)).lower())
+    of_channels = {word for c in CHANNELS for phrase in _WORDS[c] for word in phrase}
+    return frozenset(_LETTERS.findall(apart)) - of_channels - MEASURED - _BARE
+
+
 def states(names: Iterable[str]) -> tuple[str, ...]:
     """Return the names of observed states, which `channel_of` looks for in a log.
 

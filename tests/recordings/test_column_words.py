@@ -445,6 +445,35 @@ def test_clocks_and_other_channels_of_a_state_are_no_positions(name, channel):
     assert channel_of(name) == channel
 
 
+@pytest.mark.parametrize(
+    "marks", [("L_{}", "R_{}"), ("{}_left_", "{}_right_"), ("{}_a_", "{}_b_")]
+)
+def test_the_torque_is_that_of_the_arm_whose_position_is_read(tmp_path, marks):
+    """Of two arms with equal names, the order of columns does not mix them."""
+    one, other = (f"{mark}{{{{}}}}" for mark in marks)
+    order = [one.format("q"), other.format("q"), other.format("tau"), one.format("tau")]
+    columns = guessed(tmp_path, ["time", *numbered(*order)]).columns
+    assert columns.position == one.format("q").format("{number}")
+    assert columns.torque == one.format("tau").format("{number}")
+    stated = {"position": other.format("q").format("{number}")}
+    columns = guessed(tmp_path, ["time", *numbered(*order)], channels=stated).columns
+    assert columns.torque == other.format("tau").format("{number}")
+
+
+def test_the_position_is_that_of_which_all_channels_are(tmp_path):
+    """Here r is a reference and m a measurement, of which no word is known."""
+    names = ["time", *numbered("q_r{}", "q_m{}", "dq_m{}", "tau_r{}", "tau_m{}")]
+    columns = guessed(tmp_path, names).columns
+    assert (columns.position, columns.velocity) == ("q_m{number}", "dq_m{number}")
+    assert columns.torque == "tau_m{number}"
+
+
+def test_a_plain_position_goes_before_one_with_a_further_word(tmp_path):
+    names = ["time", *numbered("q{}", "q_filt{}", "dq_filt{}", "tau_filt{}", "tau{}")]
+    columns = guessed(tmp_path, names).columns
+    assert (columns.position, columns.torque) == ("q{number}", "tau{number}")
+
+
 @pytest.mark.parametrize("word", ["meas", "msr", "fbk"])
 def test_measured_numbers_of_joints_are_positions(tmp_path, word):
     names = ["time", *numbered(f"A{{}}_{word}", "A{}_cmd", "A{}_torque")]
