@@ -179,7 +179,7 @@ def _of_one_source(
     found: Columns,
     known: KnownColumns,
 ) -> list[NamePattern]:
-    """Return patterns, of equally good ones that of the other channels' source first."""
+    """Return patterns; of equally good ones that of other channels' source first."""
     if channel != "position":
         return of_one_source(channel, patterns, found.position)
     others = [c for c in ("velocity", known.effort) if c not in known.channels]

@@ -18,9 +18,9 @@ def of_one_source(
 
     Examples
     --------
-    >>> both = [NamePattern(f"{arm}_tau{{number}}", ("a",)) for arm in ("right", "left")]
-    >>> of_one_source("torque", both, "left_q{number}")[0].text
-    'left_tau{number}'
+    >>> both = [NamePattern(f"{arm}_tau{{joint}}", ("a",)) for arm in ("r", "l")]
+    >>> of_one_source("torque", both, "l_q{joint}")[0].text
+    'l_tau{joint}'
     """
     equal = _equally_good(channel, patterns)
     own = further_words(position)

@@ -117,7 +117,12 @@ def headers_of(text: str) -> TextHeaders:
     above = [_split(io.StringIO(comment), 0, mark) for mark in _marks(comment)]
     return TextHeaders(
         [
-            _of_messages(_named(replace(h, line=comments + h.line), start), text, start)
+            _as_wide_as_rows(
+                _of_messages(
+                    _named(replace(h, line=comments + h.line), start), text, start
+                ),
+                text,
+            )
             for h in first
         ],
         [replace(h, line=comments, end=start) for h in above if comment],
@@ -146,6 +151,21 @@ def _of_messages(header: CsvHeader, text: str, start: int) -> CsvHeader:
     line, end = (header.line - 1, start) if found.is_row else (header.line, header.end)
     repeated = header.separator.join(found.repeated)
     return replace(header, names=found.names, line=line, end=end, repeated=repeated)
+
+
+def _as_wide_as_rows(header: CsvHeader, text: str) -> CsvHeader:
+    """Return a header with the names of its row, one of which may end with a separator.
+
+    Programmes that write a separator after each value write none after the last name,
+    and the reverse.
+    """
+    names = header.names
+    below = _split(io.StringIO(text, newline=""), header.end, header.separator).names
+    if below[:-1] and not below[-1] and len(below) == len(names) + 1:
+        return replace(header, names=(*names, ""))
+    if names[:-1] and not names[-1] and len(names) == len(below) + 1:
+        return replace(header, names=names[:-1])
+    return header
 
 
 def _marks(line: str) -> tuple[str, ...]:
