@@ -147,7 +147,7 @@ FAULTY_CSV = {
     ),
     "quoted thousands": (
         'time,q_elbow\n"0,500",1\n',
-        r"row 1 \(line 2\), column 'time': '0,5'.*'\.'",
+        r"row 1 \(line 2\), column 'time': '0,500'.*'\.'",
     ),
     "spaces": ("time q_elbow\n0 1 2\n", r"row 1 \(line 2\): 3 fields, .* has 2"),
     "short row": (

@@ -221,6 +221,17 @@ def test_a_separator_may_end_names_or_rows(tmp_path, separator, ends):
     assert np.concatenate([p["q_elbow"] for p in pieces]).tolist() == [2.5, 3.5]
 
 
+@pytest.mark.parametrize("separator", [" ", ","])
+def test_the_numbers_of_rows_that_r_writes_have_no_name(tmp_path, separator):
+    rows = [f'"{k}",{0.1 * k},{k + 0.5}' for k in range(1, 4)]
+    text = "\n".join(['"time","q_elbow"', *rows]).replace(",", separator)
+    log = read_recording(written(tmp_path, text + "\n"), ["elbow"])
+    np.testing.assert_allclose(log.time, [0.1, 0.2, 0.3])
+    assert log.position[:, 0].tolist() == [1.5, 2.5, 3.5]
+    without = text.replace('"1"', "1").replace('"2"', "2")  # a name is missing
+    refused(tmp_path, without, "3 fields, the header has 2")
+
+
 def test_quoted_decimal_commas_stand_beside_commas(tmp_path):
     text = 'time,q_elbow\n"0,00","1,5"\n"0,01","-2,125"\n"0,02","3"\n'
     log = read_recording(written(tmp_path, text), ["elbow"])

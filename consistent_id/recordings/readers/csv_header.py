@@ -5,6 +5,7 @@ Columns of a file without a header are called ``column1``, ``column2`` and so on
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from consistent_id.recordings.readers.text_files import SEPARATORS, SPACE
 from consistent_id.recordings.readers.text_numbers import is_number
 
 _WITHOUT_NAMES = "column"
+_NUMBERS_OF_R = re.compile(r'"1"[^\n]*\n"2"')  # rows that begin with their numbers
 _NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
 
 
@@ -157,10 +159,13 @@ def _as_wide_as_rows(header: CsvHeader, text: str) -> CsvHeader:
     """Return a header with the names of its row, one of which may end with a separator.
 
     Programmes that write a separator after each value write none after the last name,
-    and the reverse.
+    and the reverse.  R writes the number of each row, quoted, and no name for it.
     """
     names = header.names
-    below = _split(io.StringIO(text, newline=""), header.end, header.separator).names
+    lines = io.StringIO(text, newline="")
+    below = _split(lines, header.end, header.separator).names
+    if len(below) == len(names) + 1 and _NUMBERS_OF_R.match(text, header.end):
+        return replace(header, names=("", *names))
     if below[:-1] and not below[-1] and len(below) == len(names) + 1:
         return replace(header, names=(*names, ""))
     if names[:-1] and not names[-1] and len(names) == len(below) + 1:
