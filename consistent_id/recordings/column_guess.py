@@ -38,6 +38,7 @@ from consistent_id.recordings.column_words import (
     says_unit_of,
     unit_of,
 )
+from consistent_id.recordings.commented_order import require_commented_order
 from consistent_id.recordings.log_formats import TABLES, has_no_arrays, log_format
 from consistent_id.recordings.mixed_columns import (
     require_one_torque,
@@ -137,6 +138,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     if ordered and not flat and "position" not in known.channels:
         known, listed = _with_listed_joints(log, names, known)
     joints = moved = known.joints
+    chosen: dict[str, NamePattern] = {}
     for channel in ("position", "velocity", known.effort):
         if channel in known.channels:
             continue
@@ -154,7 +156,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         best, *others = patterns
         if in_file and best.is_array and channel == "position":
             require_width(log, best.text, listed or moved, names, known)
-        found = _with(found, channel, best)
+        found, chosen[channel] = _with(found, channel, best), best
         if channel == "position":
             moved = best.joints
         elif channel == "torque" and best.joints != moved and not known.torque_joints:
@@ -162,6 +164,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             found = replace(found, torque_joints=best.joints)
         notes += _choice_notes(channel, best, others)
     if in_file:
+        require_commented_order(log, chosen, moved)
         require_one_clock(log, column_names(log), found)
         if log_format(log) is TABLES and "position" not in known.channels:
             channels = (found.position, getattr(found, known.effort))
