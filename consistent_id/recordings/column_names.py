@@ -231,6 +231,12 @@ _OF_A_MOTOR = {"motor", "rotor"}  # before the gear
 _OF_JOINTS = {"joint", "joints", "jnt", "state", "states"}  # and of no other body
 
 
+_BEFORE_A_JOINT = re.compile(
+    r"(?:joint|jnt|axis|achse|axe|motor|servo|actuator|dof|(?<![a-z])[ja])[ _.\[(]*"
+    r"\{[^{}]*$",
+    re.IGNORECASE,
+)
+
 DOUBTFUL = 2
 """Rank of a pattern of something else, such as a simulation."""
 
@@ -307,7 +313,23 @@ def rank(channel: str, pattern: NamePattern) -> tuple[int, ...]:
         int(bool(words(pattern.text) & _OF_A_MOTOR)),  # torques of motors, last
         int("{joint}" not in pattern.text),
         int(not words(pattern.text) & _OF_JOINTS),
+        int(_counts_another_thing(pattern.text)),
     )
+
+
+def _counts_another_thing(text: str) -> bool:
+    """Return whether a number behind that of a pattern is rather the joint's.
+
+    Examples
+    --------
+    >>> _counts_another_thing("robot{number}.q_1"), _counts_another_thing("q{number}")
+    (True, False)
+    >>> _counts_another_thing("joint{number}.encoder_1")
+    False
+    """
+    before, mark, after = text.rpartition("}")
+    behind = mark and any(c.isdigit() for c in after)
+    return bool(behind) and _BEFORE_A_JOINT.search(before) is None
 
 
 @lru_cache(maxsize=4)

@@ -78,6 +78,7 @@ _LAST_UNIT = re.compile(  # in brackets, or a word of its own
     r"(?P<name>.*[^ _])[ _]*(?:[\[(](?P<unit>[^\[\](){}]+)[\])]|[ _](?P<word>[^\W_]+))"
 )
 _LETTERS = re.compile(r"[a-z]+")
+_DIGITS = re.compile(r"\d+")
 _OTHER_LETTERS = re.compile(r"[^\W\d_a-zà-ÿµμ]+")  # Japanese, Cyrillic and the like
 _GREEK = str.maketrans({"θ": "theta", "τ": "tau", "ω": "omega"})
 JOINED = re.compile(
@@ -118,7 +119,7 @@ def words(pattern: str) -> set[str]:
 
 
 def further_words(pattern: str) -> frozenset[str]:
-    """Return the words of a pattern that are of no channel, unit, joint or reading.
+    """Return words and numbers of a pattern of no channel, unit, joint or reading.
 
     Examples
     --------
@@ -130,7 +131,8 @@ def further_words(pattern: str) -> frozenset[str]:
     )
     apart = _GLUED.sub(r"\1 ", HUMP.sub(" ", _JOINT.sub(" ", rest)).lower())
     of_channels = {word for c in CHANNELS for phrase in _WORDS[c] for word in phrase}
-    return frozenset(_LETTERS.findall(apart)) - of_channels - MEASURED - _BARE
+    found = {*_LETTERS.findall(apart), *_DIGITS.findall(apart)}
+    return frozenset(found - of_channels - MEASURED - _BARE)
 
 
 def states(names: Iterable[str]) -> tuple[str, ...]:

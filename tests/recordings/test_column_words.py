@@ -446,7 +446,13 @@ def test_clocks_and_other_channels_of_a_state_are_no_positions(name, channel):
 
 
 @pytest.mark.parametrize(
-    "marks", [("L_{}", "R_{}"), ("{}_left_", "{}_right_"), ("{}_a_", "{}_b_")]
+    "marks",
+    [
+        ("L_{}", "R_{}"),
+        ("{}_left_", "{}_right_"),
+        ("{}_a_", "{}_b_"),
+        ("arm1.{}", "arm2.{}"),
+    ],
 )
 def test_the_torque_is_that_of_the_arm_whose_position_is_read(tmp_path, marks):
     """Of two arms with equal names, the order of columns does not mix them."""
@@ -458,6 +464,19 @@ def test_the_torque_is_that_of_the_arm_whose_position_is_read(tmp_path, marks):
     stated = {"position": other.format("q").format("{number}")}
     columns = guessed(tmp_path, ["time", *numbered(*order)], channels=stated).columns
     assert columns.torque == other.format("tau").format("{number}")
+
+
+def test_the_last_number_is_the_joints_unless_a_word_says_so(tmp_path):
+    """Of two arms with two joints each, either number may count."""
+    two = SIX[:2]
+    grid = [f"robot{r}.{c}_{k}" for c in ("q", "tau") for r in (1, 2) for k in (1, 2)]
+    columns = guessed(tmp_path, ["time", *grid], joints=two).columns
+    assert columns.position == "robot1.q_{number}"
+    assert columns.torque == "robot1.tau_{number}"
+    grid = [f"joint{k}.{c}{s}" for c in ("pos", "tau") for s in (1, 2) for k in (1, 2)]
+    columns = guessed(tmp_path, ["time", *grid], joints=two).columns
+    assert columns.position == "joint{number}.pos1"
+    assert columns.torque == "joint{number}.tau1"
 
 
 def test_the_position_is_that_of_which_all_channels_are(tmp_path):

@@ -84,10 +84,12 @@ def test_joined_words_are_told_apart(name, channel):
     assert channel_of(name) == channel
 
 
-def test_a_degree_sign_of_windows_is_no_chinese_letter(tmp_path):
+@pytest.mark.parametrize("letters", ["größe", "Öá", "Ãà", "Ž²"])  # 轴, 축, 軸
+def test_letters_of_windows_are_no_east_asian_word(tmp_path, letters):
     file = tmp_path / "log.csv"
     rows = "".join(f"{k},{k},{-k},1,2\n" for k in range(5))
-    header = "time,q1 [°],q2 [°],tau1 größe,tau2 größe\n"
+    header = f"time,q1 [°],q2 [°],tau1 {letters},tau2 {letters}\n"
     file.write_bytes((header + rows).encode("cp1252"))
     guess = guess_columns(file, KnownColumns(JOINTS))
     assert guess.columns.position == "q{number} [°]"
+    assert guess.columns.torque == f"tau{{number}} {letters}"

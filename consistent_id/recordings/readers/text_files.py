@@ -61,11 +61,11 @@ def encoding_of(path: Path) -> str:
 def _words_in(text: bytes, encoding: str) -> int | None:
     """Return the number of known words in letters of East Asia; None if not readable.
 
-    The text may be cut within a letter.
+    The text may be cut within a letter.  A single letter may be two of Latin-1.
     """
     decoder = codecs.getincrementaldecoder(encoding)()
     try:
-        return len(JOINED.findall(decoder.decode(text)))
+        return sum(len(word) > 1 for word in JOINED.findall(decoder.decode(text)))
     except UnicodeDecodeError:
         return None
 
