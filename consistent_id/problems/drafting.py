@@ -151,7 +151,8 @@ def _logs_of(model: Path, given: GivenLogs, stated: Statement) -> RobotLogs:
         return robot_logs(model, files[0], stated, tables=given.tables)
     except RecordingError as cause:
         folder = one_recording(files) if not given.tables else None
-        if folder is None and not cause.options and _other_columns(files):
+        alone = folder is None and not given.tables and not cause.options
+        if alone and _other_columns(files):
             raise RecordingError(
                 f"{cause} Each of {len(files)} files is read as a recording of its "
                 "own, and they have different columns: if they are the channels of "
