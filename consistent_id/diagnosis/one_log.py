@@ -152,7 +152,7 @@ def signal_findings(model: TorqueModel, log: Recording) -> list[LogFinding]:
     """
     clock = clock_findings(log)
     if clock:
-        return clock
+        return clock + travel_findings(model.robot, log)  # of which time says nothing
     signals = [*frozen_findings(_with_torque_of(log, model)), *jump_findings(log)]
     signals = signals or standing_findings(log)
     signals = signals or velocity_findings(log) or travel_findings(model.robot, log)

@@ -8,6 +8,7 @@ import shlex
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector
+from consistent_id.diagnosis.clock import velocity_findings
 from consistent_id.diagnosis.findings import FoundUnit, LogFinding
 from consistent_id.recordings.readers.units import COUNTS
 from consistent_id.recordings.recording import Recording, velocities
@@ -118,11 +119,13 @@ def _travel_in_either(share: Vector, beyond: BoolArray) -> FoundUnit:
 
 
 def _travel_in_counts(share: Vector, log: Recording) -> FoundUnit:
-    options = units = f"--units position=rev/{COUNTS}"
+    # A velocity that is the position's rate is in the same counts.
+    both = log.velocity is not None and not velocity_findings(log)
+    options = units = _units_of_counts(COUNTS, both)
     zeros, likely = "--position-offset JOINT=VALUE", ""
     where = f"where the log's zero is, in rad ({zeros})"
     if counts := _counts_of_a_turn(log):
-        units = f"--units position=rev/{counts}"
+        units = _units_of_counts(str(counts), both)
         middle = (shlex.quote(f"{joint}={-np.pi:.6g}") for joint in log.joints)
         zeros = f"--position-offset {' '.join(middle)}"
         options = f"{units} {zeros}"
@@ -141,6 +144,11 @@ def _travel_in_counts(share: Vector, log: Recording) -> FoundUnit:
         float(np.median(share)) / _TRAVEL,
     )
     return FoundUnit(finding, options)
+
+
+def _units_of_counts(counts: str, with_velocity: bool) -> str:
+    of_velocity = f" velocity=rev/{counts}/s" * with_velocity
+    return f"--units position=rev/{counts}{of_velocity}"
 
 
 def _counts_of_a_turn(log: Recording) -> int:

@@ -23,6 +23,7 @@ from consistent_id.problems.draft_rows import (
 )
 from consistent_id.problems.found_logs import RobotLogs, read_logs
 from consistent_id.problems.log_entries import with_torque
+from consistent_id.problems.needed_units import wraps
 from consistent_id.problems.overrides import StatedDrive, stated_drive
 from consistent_id.problems.robot_logs import GivenLogs
 from consistent_id.problems.stated_model import DEFAULT_DRIVE
@@ -34,6 +35,7 @@ from consistent_id.recordings.signals import (
     estimate_delay,
     resampled,
     split_at_gaps,
+    unwrapped,
 )
 from consistent_id.recordings.signals.clocks import own_rate
 from consistent_id.recordings.signals.derivatives import lost_acceleration
@@ -187,6 +189,8 @@ def _lost(part: Recording, reading: DraftReading) -> Iterator[tuple[float, str, 
     longest = _longest(part, reading.clock)
     if part.velocity is None or len(longest) < _SPECTRUM:
         return
+    if wraps(longest):  # a fault that is found later: jumps are no acceleration
+        longest = unwrapped(longest)
     moving = np.flatnonzero(np.ptp(longest.position, axis=0) > _MOVING)
     time = np.linspace(longest.time[0], longest.time[-1], len(longest))
     q, dq = (

@@ -38,6 +38,8 @@ from consistent_id.problems.statement import (
     statement_of,
     with_keywords_of_a_statement,
 )
+from consistent_id.recordings.log_formats import log_format
+from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.recordings.readers.table_folder import one_recording
 from consistent_id.recordings.signals import (
     Delay,
@@ -151,6 +153,13 @@ def _logs_of(model: Path, given: GivenLogs, stated: Statement) -> RobotLogs:
         return robot_logs(model, files[0], stated, tables=given.tables)
     except RecordingError as cause:
         folder = one_recording(files) if not given.tables else None
+        alone = folder is None and not given.tables and not cause.options
+        if alone and _other_columns(files):
+            raise RecordingError(
+                f"{cause} Each of {len(files)} files is read as a recording of its "
+                "own, and they have different columns: if they are the channels of "
+                "one, give a folder in which they are alone in place of them"
+            ) from None
         if folder is None or _helps(cause, model, files[0], stated):
             raise
         said, more = "", ""
@@ -169,6 +178,14 @@ def _logs_of(model: Path, given: GivenLogs, stated: Statement) -> RobotLogs:
             options=f"{shlex.quote(str(folder))}{more}",
             replaces=[str(file) for file in files],
         ) from None
+
+
+def _other_columns(files: Sequence[Path]) -> bool:
+    """Return whether files of text have other columns than the first has."""
+    known = [log_format(file) for file in files]
+    if len(files) < 2 or not all(form.is_text and form.lists_names for form in known):
+        return False
+    return all({*column_names(f)} - {*column_names(files[0])} for f in files[1:])
 
 
 def _helps(cause: RecordingError, model: Path, log: Path, stated: Statement) -> bool:

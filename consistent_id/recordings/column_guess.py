@@ -20,6 +20,7 @@ from typing import Any, cast
 import numpy as np
 
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.column_marks import most_common_source, of_one_source
 from consistent_id.recordings.column_names import (
     DOUBTFUL,
     NamePattern,
@@ -36,10 +37,12 @@ from consistent_id.recordings.column_proposals import (
 )
 from consistent_id.recordings.column_words import (
     CHANNELS,
+    channel_of,
     is_bare,
     says_unit_of,
     unit_of,
 )
+from consistent_id.recordings.commented_order import require_commented_order
 from consistent_id.recordings.log_formats import TABLES, has_no_arrays, log_format
 from consistent_id.recordings.mixed_columns import (
     require_one_torque,
@@ -49,7 +52,11 @@ from consistent_id.recordings.own_names import mapping_advice, mapping_option
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.csv_header import lacks_names
 from consistent_id.recordings.readers.data_frames import ColumnTable
-from consistent_id.recordings.readers.recording_file import column_names, reader_of
+from consistent_id.recordings.readers.recording_file import (
+    column_names,
+    read_whole,
+    reader_of,
+)
 from consistent_id.recordings.readers.table_folder import require_one_run
 from consistent_id.recordings.readers.units import KNOWN, SI, is_time, listed_names
 from consistent_id.recordings.recording import COMMANDS
@@ -141,10 +148,12 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     if ordered and not flat and "position" not in known.channels:
         known, listed = _with_listed_joints(log, names, known)
     joints = moved = known.joints
+    chosen: dict[str, NamePattern] = {}
     for channel in ("position", "velocity", known.effort):
         if channel in known.channels:
             continue
         patterns = candidates(channel, names, moved, known)
+        patterns = _of_one_source(channel, patterns, names, found, known)
         patterns = [p for p in patterns if not (flat and p.is_array)]
         if in_file:
             patterns = _with_motion(log, patterns, len(listed or moved))
@@ -157,7 +166,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         best, *others = patterns
         if in_file and best.is_array and channel == "position":
             require_width(log, best.text, listed or moved, names, known)
-        found = _with(found, channel, best)
+        found, chosen[channel] = _with(found, channel, best), best
         if channel == "position":
             moved = best.joints
         elif channel == "torque" and best.joints != moved and not known.torque_joints:
@@ -165,6 +174,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             found = replace(found, torque_joints=best.joints)
         notes += _choice_notes(channel, best, others)
     if in_file:
+        require_commented_order(log, chosen, moved)
         require_one_clock(log, column_names(log), found)
         if log_format(log) is TABLES and "position" not in known.channels:
             channels = (found.position, getattr(found, known.effort))
@@ -173,6 +183,22 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         order = listed or array_order(log, names, tuple(found.array_joints))
         found = replace(found, array_joints=order)
     return ColumnGuess(found, moved, tuple(notes))
+
+
+def _of_one_source(
+    channel: str,
+    patterns: Sequence[NamePattern],
+    names: Sequence[str],
+    found: Columns,
+    known: KnownColumns,
+) -> list[NamePattern]:
+    """Return patterns; of equally good ones that of other channels' source first."""
+    if channel != "position":
+        return of_one_source(channel, patterns, found.position)
+    others = [c for c in ("velocity", known.effort) if c not in known.channels]
+    of_others = {c: candidates(c, names, known.joints, known) for c in others}
+    stated = {c: [NamePattern(n, ())] for c, n in known.channels.items() if c != "time"}
+    return most_common_source(patterns, of_others | stated)
 
 
 def _choice_notes(
@@ -186,7 +212,8 @@ def _choice_notes(
     if len(each_name := listed_names(best.text)) > 1:
         notes.append(f"{channel} is read from {', '.join(each_name)}")
     is_doubtful = doubt(channel, best.text) >= DOUBTFUL
-    if is_doubtful or is_bare(best.text) or says_unit_of(channel, best.text):
+    only_bare = is_bare(best.text) and not channel_of(best.text)
+    if is_doubtful or only_bare or says_unit_of(channel, best.text):
         notes.append(f"{best.text} is taken as the {channel}: no other column is")
     if also := rivals(best, others):
         notes.append(f"{channel} is read from {best.text}, not from {also}")
@@ -212,7 +239,7 @@ def _with_listed_joints(
     patterns = candidates("position", names, known.joints, known)
     arrays = [p.text for p in patterns if p.is_array]
     listed = listed_joints(log, names, known.joints) if arrays else ()
-    read = reader_of(log).read_arrays(log, arrays) if listed else {}
+    read = read_whole(log, arrays) if listed else {}
     if not any(len(listed) in np.shape(values) for values in read.values()):
         return known, ()
     here = tuple(joint for joint in known.joints if joint in listed)
@@ -292,7 +319,7 @@ def _with_motion(
     arrays = [p.text for p in patterns if p.is_array]
     if len(arrays) < 2 or len(arrays) < len(patterns):
         return list(patterns)
-    read = reader_of(log).read_arrays(log, arrays)
+    read = read_whole(log, arrays)
     empty = {name: _empty_joints(read[name], joints) for name in arrays}
     return [p for p in patterns if empty[p.text] == min(empty.values())]
 

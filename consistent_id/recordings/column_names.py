@@ -231,6 +231,12 @@ _OF_A_MOTOR = {"motor", "rotor"}  # before the gear
 _OF_JOINTS = {"joint", "joints", "jnt", "state", "states"}  # and of no other body
 
 
+_BEFORE_A_JOINT = re.compile(
+    r"(?:joint|jnt|axis|achse|axe|motor|servo|actuator|dof|(?<![a-z])[ja])[ _.\[(]*"
+    r"\{[^{}]*$",
+    re.IGNORECASE,
+)
+
 DOUBTFUL = 2
 """Rank of a pattern of something else, such as a simulation."""
 
@@ -294,16 +300,36 @@ def _name_patterns(
     return tuple(
         sorted(
             fitting,
-            key=lambda p: (
-                -len(p.joints),
-                doubt(channel, p.text),
-                bool(words(p.text) & _OF_A_MOTOR),  # torques of motors, last
-                "{joint}" not in p.text,
-                not words(p.text) & _OF_JOINTS,
-                len(p.text),
-            ),
+            key=lambda p: (*rank(channel, p), len(p.text)),
         )
     )
+
+
+def rank(channel: str, pattern: NamePattern) -> tuple[int, ...]:
+    """Return the rank of a pattern of a channel: the lower, the better."""
+    return (
+        -len(pattern.joints),
+        doubt(channel, pattern.text),
+        int(bool(words(pattern.text) & _OF_A_MOTOR)),  # torques of motors, last
+        int("{joint}" not in pattern.text),
+        int(not words(pattern.text) & _OF_JOINTS),
+        int(_counts_another_thing(pattern.text)),
+    )
+
+
+def _counts_another_thing(text: str) -> bool:
+    """Return whether a number behind that of a pattern is rather the joint's.
+
+    Examples
+    --------
+    >>> _counts_another_thing("robot{number}.q_1"), _counts_another_thing("q{number}")
+    (True, False)
+    >>> _counts_another_thing("joint{number}.encoder_1")
+    False
+    """
+    before, mark, after = text.rpartition("}")
+    behind = mark and any(c.isdigit() for c in after)
+    return bool(behind) and _BEFORE_A_JOINT.search(before) is None
 
 
 @lru_cache(maxsize=4)

@@ -22,18 +22,17 @@ from consistent_id.recordings.column_names import (
 from consistent_id.recordings.column_words import (
     CHANNELS,
     channel_of,
+    is_torque_command,
     may_be_effort,
     may_be_of_unit,
     says_nothing,
     words,
 )
-from consistent_id.recordings.mixed_columns import (
-    mixed_patterns,
-)
+from consistent_id.recordings.mixed_columns import mixed_patterns
 from consistent_id.recordings.own_names import mapping_advice, mapping_option, own_names
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.readers.named_arrays import upright
-from consistent_id.recordings.readers.recording_file import reader_of
+from consistent_id.recordings.readers.recording_file import read_whole
 from consistent_id.recordings.readers.units import Units
 from consistent_id.recordings.recording import COMMANDS
 from consistent_id.recordings.unknown_columns import (
@@ -209,6 +208,8 @@ def _advice(
             return torque
     if found := _by_numbers(log, names, joints, known, unknown_columns):
         return found
+    if channel == "torque":
+        return f" {WITHOUT_TORQUE}", ""
     if not any(joint in name for joint in joints for name in names):
         return " If the log has other names of joints: --names NAME=JOINT ...", ""
     return "", ""
@@ -223,6 +224,10 @@ def _advice_by_unit(
         return None
     said = f" Only the unit says that {' or '.join(named)} may be it"
     first = next(iter(named.values()))
+    if channel == "position" and not name_patterns("velocity", names, joints):
+        # Found later, it would be left out, as it may be a motor's or a fan's.
+        speeds = [*of_unit("velocity", names, joints).values()]
+        first = " ".join([first, *speeds[: len(speeds) == 1]])
     return f"{said}: if so: {first}", first if len(named) == 1 else ""
 
 
@@ -263,16 +268,17 @@ def _advice_on_torque(
             "--gains KP,KD[,LIMIT] ..."
         )
         return more, of_commands
+    commanded = _for_each(is_torque_command, "torque", names, joints)
+    for what, option in commanded.items():
+        said = "are commands of torque, not measured: if the drives follow them"
+        return f" {what} {said}: {option}", option
     unknown = _for_each(
         lambda text: says_nothing(text) and may_be_effort(text), "torque", names, joints
     )
-    if len(unknown) == 1:
-        ((what, options),) = unknown.items()
-        more = (
-            f" Of the columns without a known word, only {what} are as many as the "
-            f"joints: if they are torques or motor currents: {options}"
-        )
-        return more, options
+    for what, options in unknown.items() if len(unknown) == 1 else ():
+        said = "are as many as the joints: if they are torques or motor currents"
+        only = f" Of the columns without a known word, only {what} {said}: {options}"
+        return only, options
     return None
 
 
@@ -395,7 +401,7 @@ def require_width(
     known: KnownColumns,
 ) -> None:
     """Refuse an array that has columns of fewer or more joints."""
-    array = np.asarray(reader_of(log).read_arrays(log, [name])[name])
+    array = np.asarray(read_whole(log, [name])[name])
     if array.ndim != 2 or not array.size or len(joints) in array.shape:
         return
     samples, number = upright(array).shape
@@ -423,7 +429,7 @@ def _part_of_wide(
     wide: dict[str, tuple[str, np.ndarray]] = {}
     for channel in ("position", "velocity", known.effort):
         arrays = [p.text for p in candidates(channel, names, joints, known)]
-        read = reader_of(log).read_arrays(log, arrays) if arrays else {}
+        read = read_whole(log, arrays) if arrays else {}
         for name in arrays[::-1]:
             if np.ndim(read[name]) == 2 and samples in np.shape(read[name]):
                 rows = read[name] if len(read[name]) == samples else read[name].T

@@ -9,22 +9,26 @@ import re
 from collections.abc import Iterable
 from functools import lru_cache
 
-from consistent_id.recordings.readers.units import is_unit_of, unit_of_a_name
+from consistent_id.recordings.readers.units import is_time, is_unit_of, unit_of_a_name
 
 CHANNELS = ("position", "velocity", "torque")
 
 # A name belongs to a channel if it has all words of one of these phrases; "qpos",
 # "qvel" and "qfrc actuator" are of MuJoCo, "observation state" of LeRobot, "axis act"
-# of KUKA, "feedback joints" of ABB.
+# of KUKA, "feedback joints" of ABB; others are German, French,
+# Chinese, Japanese and Korean.
 _WORDS = {
     channel: tuple(frozenset(phrase.split()) for phrase in phrases.split(", "))
     for channel, phrases in {
         "position": "q, pos, position, positions, ang, angle, angles, theta, th, phi, "
-        "qpos, jpos, observation state, axis act, feedback joints, winkel",
+        "qpos, jpos, observation state, axis act, feedback joints, winkel, "
+        "位置, 角度, 위치, 각도",
         "velocity": "dq, qd, qdot, vel, velo, velocity, velocities, speed, speeds, "
-        "spd, dtheta, thetadot, thd, dphi, phidot, qvel, jvel, geschwindigkeit",
+        "spd, dtheta, thetadot, thd, dphi, phidot, qvel, jvel, geschwindigkeit, "
+        "vitesse, omega, 速度, 속도",
         "torque": "tau, trq, tq, tor, torq, torque, torques, moment, moments, eff, "
-        "effort, efforts, jts, qfrc actuator, actuator force, drehmoment",
+        "effort, efforts, jts, qfrc actuator, actuator force, drehmoment, couple, "
+        "トルク, 力矩, 扭矩, 转矩, 토크",
     }.items()
 }
 MEASURED = {"measured", "meas", "msr", "mes", "actual", "act", "real", "ist"}
@@ -32,26 +36,32 @@ MEASURED |= {"feedback", "fb", "fbk"}
 """Words of a channel that is measured."""
 
 _CURRENT = {"current", "currents", "cur", "curr", "amp", "amps", "ampere", "amperes"}
-_CURRENT |= {"i", "iq"}
+_CURRENT |= {"i", "iq", "strom", "courant", "電流", "电流", "전류"}
 _COMMANDED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
-_COMMANDED |= {"reference", "setpoint", "goal", "soll"}
+_COMMANDED |= {"reference", "setpoint", "goal", "soll", "consigne"}
+_COMMANDED |= {"指令", "目標", "目标", "期望"}
 _COMMANDS = {f"{short}{word}" for short in ("q", "pos", "p") for word in _COMMANDED}
 _COMMANDS |= {"aspos"}  # KUKA
 _COMMANDED |= {"d"}
 _OTHER = {"error", "err", "limit", "action", "ext", "external", "computed", "residual"}
 _OTHER |= {"ddot", "acc", "accel", "acceleration", "accelerations", "jerk", "std"}
 _OTHER |= {"gravity", "coriolis", "temperature", "temp", "temps", "voltage", "volts"}
-_OTHER |= {"status", "mode"}
+_OTHER |= {"status", "mode", "dimensions", "temperatur"}
+_OTHER |= {"加速度", "温度", "가속도", "온도"}
 _OTHER |= {"tcp", "tip", "ee", "eef", "cartesian"}  # the pose and wrench of a tool
 _RATE = {"dot"}  # of a position: its velocity
 _STATE = {"observation", "state"}  # LeRobot
 _MEASURED = {"observation", "state", "actual"}
 _DEGREES = ({"ai", "pos"}, {"axis", "act"}, {"feedback", "joints"})  # KUKA, ABB
 _KORTEX = {"actuators"}  # Kinova's feedback, in degrees and degrees per second
+# ODrive's, in turns and turns per second: ``axis0.encoder.pos_estimate``.
+_ODRIVE = re.compile(r"axis\{\w+\}\.(?:encoder\.)?(?:pos|vel)_estimate$")
 _BARE = {"j", "jnt", "joint", "joints", "axis", "axes", "ax", "achse", "a", "dof"}
-_BARE |= {"actual", "act", "measured"}
+_BARE |= {"axe", "軸", "轴", "关节", "축", "관절"}
+_BARE |= MEASURED - {"ist"}  # may also be a current: I_ist
 _BARE |= {"deg", "degs", "degree", "degrees", "grad", "rad", "mm"}
-_ANGULAR = {"ang", "angle", "angles", "angular"}  # of a velocity, they say of what
+# Of a velocity, they say of what.
+_ANGULAR = {"ang", "angle", "angles", "angular", "winkel"}
 
 BASE = {"base", "root", "trunk", "torso", "pelvis", "body", "imu", "odom", "floating"}
 """Words of a base that moves."""
@@ -68,14 +78,22 @@ _LAST_UNIT = re.compile(  # in brackets, or a word of its own
     r"(?P<name>.*[^ _])[ _]*(?:[\[(](?P<unit>[^\[\](){}]+)[\])]|[ _](?P<word>[^\W_]+))"
 )
 _LETTERS = re.compile(r"[a-z]+")
+_DIGITS = re.compile(r"\d+")
 _OTHER_LETTERS = re.compile(r"[^\W\d_a-zà-ÿµμ]+")  # Japanese, Cyrillic and the like
-_GREEK = str.maketrans({"θ": "theta", "τ": "tau"})
+_GREEK = str.maketrans({"θ": "theta", "τ": "tau", "ω": "omega"})
+JOINED = re.compile(
+    "加速度|速度|位置|角度|トルク|力矩|扭矩|转矩|電流|电流|温度|指令|目標|目标|期望|关节|軸|轴|"
+    "時刻|時間|时间|가속도|속도|위치|각도|토크|전류|온도|관절|축|시간"
+)
+"""Words of logs in letters that need no marks between words, such as ``軸位置``."""
 HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 """The place before a word that a capital letter begins: ``basePos``."""
 # A word that another one follows without a mark: ``jointpos``, ``qmeas``.
 _GLUED = re.compile(
     r"(?<![a-z])(joint(?=[a-z]{3})|(?:d?q|qd|tau|trq|pos|vel)"
-    r"(?=(?:mes|meas|msr|act|actual|measured)(?![a-z])))"
+    r"(?=(?:mes|meas|msr|act|actual|measured)(?![a-z]))|(?:ist|soll|achs|gelenk|motor|"
+    r"antriebs|winkel)(?=(?:position|winkel|geschwindigkeit|moment|drehmoment|strom|"
+    r"temperatur)(?![a-z])))"
 )
 
 
@@ -96,7 +114,25 @@ def words(pattern: str) -> set[str]:
         *_LETTERS.findall(lower),
         *_LETTERS.findall(apart),
         *_OTHER_LETTERS.findall(lower),
+        *JOINED.findall(lower),
     }
+
+
+def further_words(pattern: str) -> frozenset[str]:
+    """Return words and numbers of a pattern of no channel, unit, joint or reading.
+
+    Examples
+    --------
+    >>> sorted(further_words("left_arm_q_{joint}")), sorted(further_words("q{number}"))
+    (['arm', 'left'], [])
+    """
+    rest = next(
+        (b for c in CHANNELS if (b := before_unit_of(c, pattern)) is not None), pattern
+    )
+    apart = _GLUED.sub(r"\1 ", HUMP.sub(" ", _JOINT.sub(" ", rest)).lower())
+    of_channels = {word for c in CHANNELS for phrase in _WORDS[c] for word in phrase}
+    found = {*_LETTERS.findall(apart), *_DIGITS.findall(apart)}
+    return frozenset(found - of_channels - MEASURED - _BARE)
 
 
 def states(names: Iterable[str]) -> tuple[str, ...]:
@@ -121,16 +157,20 @@ def _states(names: tuple[str, ...]) -> tuple[str, ...]:
 def _fitting(said: frozenset[str]) -> list[str]:
     """Return the channels that have a phrase of the words; many names have the same.
 
-    An angular velocity is a velocity, and so is the rate of a position, ``q_dot``.
+    An angular velocity is a velocity, and so is the rate of a position, ``q_dot``; an
+    observed state is a position if no word says more.
     """
     fits = [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
+    if _STATE <= said and len(fits) > 1:
+        less = said - _STATE
+        fits = [c for c in fits if any(phrase <= less for phrase in _WORDS[c])]
     rate = fits == ["position"] and _RATE & said
     angular = fits == ["position", "velocity"] and _ANGULAR & said
     return ["velocity"] if rate or angular else fits
 
 
 def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
-    """Return the channel of a pattern; empty for none.
+    """Return the channel of a pattern; empty for none, and for a clock: ``q.time``.
 
     Among commands, only those of position are a channel.  A plain ``action`` beside
     ``observation.state`` (LeRobot) is its target; elsewhere it is the output of a
@@ -156,7 +196,7 @@ def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
     if "action" in said and not said & _MEASURED:  # LeRobot, of its followers
         fits = _fitting(frozenset(said))
         return "position_command" if fits == ["position"] else ""
-    if said & _OTHER:
+    if said & _OTHER or is_time(pattern):
         return ""
     fits = _fitting(frozenset(said))
     if said & _COMMANDS or (said & _COMMANDED and fits == ["position"]):
@@ -208,6 +248,19 @@ def is_of_another(pattern: str) -> bool:
     (True, False)
     """
     return bool(words(pattern) & (_OTHER | _COMMANDED | _COMMANDS))
+
+
+def is_torque_command(pattern: str) -> bool:
+    """Return whether a pattern denotes a torque that is commanded, not measured.
+
+    Examples
+    --------
+    >>> is_torque_command("tau_cmd_{number}"), is_torque_command("tau_{number}")
+    (True, False)
+    """
+    said = words(pattern)
+    commanded = said & _COMMANDED and not said & _OTHER
+    return bool(commanded and _fitting(frozenset(said)) == ["torque"])
 
 
 def says_unit_of(channel: str, pattern: str) -> bool:
@@ -305,6 +358,8 @@ def unit_of(channel: str, pattern: str) -> str:
         return "deg"
     if _KORTEX <= said and channel in ("position", "velocity"):
         return {"position": "deg", "velocity": "deg/s"}[channel]
+    if _ODRIVE.search(pattern) and channel in ("position", "velocity"):
+        return {"position": "rev", "velocity": "rev/s"}[channel]
     if channel == "position_command" and "aspos" in said:
         return "deg"
     return unit_of_a_name(channel, pattern)

@@ -20,7 +20,7 @@ from consistent_id.recordings.column_names import shown
 from consistent_id.recordings.column_words import channel_of, words
 from consistent_id.recordings.own_names import mapping_advice, mapping_option
 from consistent_id.recordings.readers.named_arrays import upright
-from consistent_id.recordings.readers.recording_file import reader_of
+from consistent_id.recordings.readers.recording_file import read_whole, reader_of
 from consistent_id.recordings.readers.units import (
     RATE,
     clock_columns,
@@ -37,6 +37,8 @@ _OF_NAMES = {"joint", "joints", "motor", "actuator", "dof", "name", "names"}
 _CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t", "ts", "zeit"}
 _CLOCKS |= {"times", "stamps", "tout"}
 _SPANS = _CLOCKS | {"duration", "elapsed", "millis", "ms", "seconds"}
+_STEPS = {"dt", "timestep", "step", "ts", "period"}  # of single numbers
+_RATES = {"fs", "fps", "rate", "hz", "freq", "frequency"}
 _MOSTLY = 0.9  # share of steps that do not go back
 _UNEVEN = 20.0  # longest step over the median one, of a clock
 _REPEATED = 4  # most rows with one stamp
@@ -96,7 +98,7 @@ def without_names(
     rows : mapping of int to sequence of sequence of str, optional
         See `guess_columns`: the file may have fewer joints than the robot.
     """
-    read = reader_of(log).read_arrays(log, names)
+    read = read_whole(log, names)
     table = np.column_stack([read[n] for n in names])
     rate = rate_of(known.get("time", ""))
     layout = _likely_layout(table, len(joints), rate, rows)
@@ -233,7 +235,7 @@ def readable(log: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     if not names:
         return {}
     try:
-        return dict(reader_of(log).read_arrays(log, names))
+        return read_whole(log, names)
     except RecordingError:
         half = len(names) // 2
         parts = (names[:half], names[half:]) if half else ()
@@ -445,7 +447,8 @@ def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> Recordi
     columns = {name: np.asarray(values).reshape(-1) for name, values in read.items()}
     rising = [n for n, c in columns.items() if c.dtype.kind in "iuf" and is_clock(c)]
     counted = [n for n in rising if _counts(columns[n]) and not words(n) & _SPANS]
-    if rising and rising[0] in counted:
+    rising = [name for name in rising if name not in counted]
+    if counted and not rising:
         return RecordingError(
             f"{said}. {counted[0]} counts up by 1 from row to row: rows, or "
             f"milliseconds at 1000 Hz. State the rate of samples: --time {RATE}",
@@ -460,8 +463,33 @@ def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> Recordi
             f"clock: {options}",
             options=options,
         )
+    if rate := _stated_rate(log, names if in_file else ()):
+        return RecordingError(f"{said}. {rate}", options=rate.rpartition(": ")[2])
     return RecordingError(
         f"{said}. Name it: --time NAME; or, if it has none and its samples are evenly "
         f"spaced, state their rate: --time {RATE} (such as 1000Hz)",
         options=f"--time {RATE}",
     )
+
+
+def _stated_rate(log: Path, names: Sequence[str]) -> str:
+    """Return a sentence on the only single number that is a step or a rate; or none.
+
+    Simulators write such a number in place of a clock: ``dt``, ``fs``.
+    """
+    said = {name: words(name.replace("/", ".").rpartition(".")[2]) for name in names}
+    likely = [name for name in names if said[name] & (_STEPS | _RATES)]
+    read = {n: np.asarray(v) for n, v in readable(log, likely).items()}
+    single = {n: float(v.item()) for n, v in read.items() if _is_one_number(v)}
+    known = {n: v for n, v in single.items() if np.isfinite(v) and v > 0.0}
+    if len(known) != 1:
+        return ""
+    ((name, value),) = known.items()
+    rate, kind = value, "rate of samples in Hz"
+    if said[name] & _STEPS:
+        rate, kind = 1.0 / value, "step between samples in s"
+    return f"If {name}, which is {value:g}, is the {kind}: --time {rate:.9g}Hz"
+
+
+def _is_one_number(values: np.ndarray) -> bool:
+    return values.size == 1 and values.dtype.kind in "iuf"

@@ -7,6 +7,7 @@ import pytest
 from faulty_logs import arm
 
 from consistent_id import InertialParameters, Recording
+from consistent_id.diagnosis.one_log import signal_findings
 from consistent_id.diagnosis.wrong_units import (
     model_findings,
     speed_findings,
@@ -45,6 +46,26 @@ def _swing(factor):
 def test_travel_in_other_units_is_far_beyond_the_limits(limits, factor, found):
     findings = travel_findings(_robot(limits), _swing(factor))
     assert [f.kind for f in findings] == found
+
+
+def test_degrees_are_found_beside_a_clock_in_milliseconds():
+    """One answer has both units: each of them alone needs another command."""
+    model = arm()
+    model = replace(model, robot=_robot(JointLimits(-2.0, 2.0)))
+    log = _swing(180.0 / np.pi)
+    slow = replace(log, time=1000.0 * log.time)
+    assert [f.kind for f in signal_findings(model, slow)] == ["clock", "degrees"]
+
+
+@pytest.mark.parametrize(("scale", "units"), [(1.0, 2), (0.3, 1)])
+def test_a_velocity_in_counts_has_their_unit(scale, units):
+    log = _swing(651.9)
+    rate = scale * np.gradient(log.position, log.time, axis=0)
+    (finding,) = travel_findings(
+        _robot(JointLimits(-2.0, 2.0)), replace(log, velocity=rate)
+    )
+    assert finding.advice.count("rev/COUNTS") == units
+    assert ("velocity=rev/COUNTS/s" in finding.advice) == (units == 2)
 
 
 def test_counts_of_encoders_are_named_with_the_option():

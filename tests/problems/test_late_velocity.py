@@ -257,6 +257,24 @@ def test_a_smoothed_velocity_never_makes_the_draft_worse(tmp_path, cutoff, delay
         assert any(late in note for note in draft.notes)
 
 
+def test_a_velocity_beside_wrapped_positions_is_not_called_smoothed(tmp_path):
+    """Jumps by whole turns are a fault of their own, and no acceleration."""
+    urdf, log = write_arm(tmp_path)
+    table = np.loadtxt(log, delimiter=",", skiprows=1)
+    rates = np.gradient(table[:, 1:3], 1.0 / RATE, axis=0)
+    zero = table[:, 1:3].mean(axis=0) - np.pi  # the ends of the turn are in the motion
+    table[:, 1:3] = (table[:, 1:3] - zero) % (2.0 * np.pi)
+    table[:, 1:3] = (table[:, 1:3] + np.pi) % (2.0 * np.pi)
+    assert abs(np.diff(table[:, 1:3], axis=0)).max() > 6.0
+    header = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow,dq_shoulder,dq_elbow"
+    full = np.column_stack([table, rates])
+    np.savetxt(log, full, "%.9g", ",", header=header, comments="")
+    draft = draft_problem(urdf, log, select=False, cutoff=10.0)
+    assert draft.columns.velocity == "dq_{joint}"
+    undone = draft_problem(urdf, log, select=False, cutoff=10.0, wraps="undo")
+    assert undone.columns.velocity == "dq_{joint}"
+
+
 def _error(draft):
     """The error of a draft's estimate on the true motion: differentiated positions."""
     problem = draft.problem()

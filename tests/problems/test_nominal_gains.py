@@ -225,6 +225,21 @@ def repeated(folder, arm):
     return [str(file) for file in files]
 
 
+def test_channels_in_several_folders_are_answered_with_a_folder(tmp_path, arm, capsys):
+    """No option reads files that are each a recording of one channel."""
+    t, q, _, _ = motion()
+    files = []
+    for name, values in (("position", q), ("effort", GAINS * currents(arm))):
+        header = ",".join(["t", *(f"{joint}_{name}" for joint in arm.joint_names)])
+        folder = tmp_path / name
+        folder.mkdir()
+        files.append(str(folder / "log.csv"))
+        table = np.column_stack([t, values])
+        np.savetxt(files[-1], table, delimiter=",", header=header, comments="")
+    assert main(["init", str(tmp_path / "arm.urdf"), *files]) == 2
+    assert "give a folder in which they are alone" in capsys.readouterr().err
+
+
 def test_repeated_runs_with_one_clock_are_no_tables_of_one_recording(
     tmp_path, arm, capsys
 ):

@@ -191,3 +191,87 @@ def test_the_torque_of_a_joint_goes_before_that_of_its_motor():
 def test_a_tools_pose_is_no_channel_of_joints():
     names = ["actual_TCP_pose_{number}", "tcp.position", "ee_pos", "tip.torque"]
     assert [channel_of(name) for name in names] == [""] * 4
+
+
+@pytest.mark.parametrize(
+    ("name", "channel"),
+    [
+        ("out.q.time", ""),
+        ("q.signals.dimensions", ""),
+        ("observation/robot_state/joint_velocities", "velocity"),
+        ("observation/robot_state/motor_torques", "torque"),
+        ("observation.state", "position"),
+    ],
+)
+def test_clocks_and_other_channels_of_a_state_are_no_positions(name, channel):
+    assert channel_of(name) == channel
+
+
+@pytest.mark.parametrize(
+    "marks",
+    [
+        ("L_{}", "R_{}"),
+        ("{}_left_", "{}_right_"),
+        ("{}_a_", "{}_b_"),
+        ("arm1.{}", "arm2.{}"),
+    ],
+)
+def test_the_torque_is_that_of_the_arm_whose_position_is_read(tmp_path, marks):
+    """Of two arms with equal names, the order of columns does not mix them."""
+    one, other = (f"{mark}{{{{}}}}" for mark in marks)
+    order = [one.format("q"), other.format("q"), other.format("tau"), one.format("tau")]
+    columns = guessed(tmp_path, ["time", *numbered(*order)]).columns
+    assert columns.position == one.format("q").format("{number}")
+    assert columns.torque == one.format("tau").format("{number}")
+    stated = {"position": other.format("q").format("{number}")}
+    columns = guessed(tmp_path, ["time", *numbered(*order)], channels=stated).columns
+    assert columns.torque == other.format("tau").format("{number}")
+
+
+def test_the_last_number_is_the_joints_unless_a_word_says_so(tmp_path):
+    """Of two arms with two joints each, either number may count."""
+    two = SIX[:2]
+    grid = [f"robot{r}.{c}_{k}" for c in ("q", "tau") for r in (1, 2) for k in (1, 2)]
+    columns = guessed(tmp_path, ["time", *grid], joints=two).columns
+    assert columns.position == "robot1.q_{number}"
+    assert columns.torque == "robot1.tau_{number}"
+    grid = [f"joint{k}.{c}{s}" for c in ("pos", "tau") for s in (1, 2) for k in (1, 2)]
+    columns = guessed(tmp_path, ["time", *grid], joints=two).columns
+    assert columns.position == "joint{number}.pos1"
+    assert columns.torque == "joint{number}.tau1"
+
+
+def test_the_position_is_that_of_which_all_channels_are(tmp_path):
+    """Here r is a reference and m a measurement, of which no word is known."""
+    names = ["time", *numbered("q_r{}", "q_m{}", "dq_m{}", "tau_r{}", "tau_m{}")]
+    columns = guessed(tmp_path, names).columns
+    assert (columns.position, columns.velocity) == ("q_m{number}", "dq_m{number}")
+    assert columns.torque == "tau_m{number}"
+
+
+def test_a_plain_position_goes_before_one_with_a_further_word(tmp_path):
+    names = ["time", *numbered("q{}", "q_filt{}", "dq_filt{}", "tau_filt{}", "tau{}")]
+    columns = guessed(tmp_path, names).columns
+    assert (columns.position, columns.torque) == ("q{number}", "tau{number}")
+
+
+@pytest.mark.parametrize("word", ["meas", "msr", "fbk"])
+def test_measured_numbers_of_joints_are_positions(tmp_path, word):
+    names = ["time", *numbered(f"A{{}}_{word}", "A{}_cmd", "A{}_torque")]
+    assert guessed(tmp_path, names).columns.position == f"A{{number}}_{word}"
+
+
+def test_commands_of_torque_are_proposed_where_none_is_measured(tmp_path):
+    names = ["time", *numbered("q{}", "tau_cmd{}", "tau_ext{}")]
+    with pytest.raises(RecordingError, match="commands of torque, not") as refused:
+        guessed(tmp_path, names)
+    assert refused.value.options == "--torque 'tau_cmd{number}'"
+    with pytest.raises(RecordingError, match="cannot be found without torque"):
+        guessed(tmp_path, names[:7] + names[13:])
+
+
+def test_a_drives_turns_are_read_in_radians(tmp_path):
+    names = [f"axis{k}.encoder.{c}_estimate" for c in ("pos", "vel") for k in range(6)]
+    names += [f"axis{k}.motor.torque_estimate" for k in range(6)]
+    units = guessed(tmp_path, ["time", *names]).columns.units
+    assert units == {"position": "rev", "velocity": "rev/s"}

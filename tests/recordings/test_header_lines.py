@@ -34,6 +34,32 @@ def assert_is_read(file, position=1.0):
     np.testing.assert_allclose(log.torque, ROWS[:, 3:])
 
 
+_OF_LABVIEW = (
+    "LabVIEW Measurement,",
+    "Decimal_Separator,.",
+    "***End_of_Header***,",
+    ",",
+    "Channels,4,,,,,",
+    "Samples,5,5,5,5,,",
+    "X0,0,0,0,0,,",
+    "Delta_X,1,1,1,1,,",
+    "***End_of_Header***,,,,,,",
+)
+
+
+@pytest.mark.parametrize("more", ["", ",Comment"])
+def test_the_table_of_labview_is_below_its_settings(tmp_path, more):
+    """Its settings have rows of numbers, too; its rows lack the column of comments."""
+    assert_is_read(write(tmp_path, *_OF_LABVIEW, NAMES + more, mark="\t"))
+
+
+@pytest.mark.parametrize("mark", ["//", "%", "!"])
+@pytest.mark.parametrize("above", [[], ["recorded by, jo"]])
+def test_a_mark_of_a_comment_is_no_name_among_spaces(tmp_path, mark, above):
+    above = [f"{mark} {line}" for line in above]
+    assert_is_read(write(tmp_path, *above, f"{mark} {NAMES}", mark=" "))
+
+
 @pytest.mark.parametrize("mark", [",", ";", "\t"])
 def test_settings_above_the_names_are_not_read(tmp_path, mark):
     above = ["Measurement,arm 1", "Rate,100", "", "Remarks"]

@@ -130,6 +130,19 @@ def test_signals_with_values(tmp_path):
     assert_is_the_motion(read(write(tmp_path, lines, "time,signal,value")))
 
 
+@pytest.mark.parametrize("key", ["topic", "label"])
+def test_signals_of_a_plot_are_read(tmp_path, key):
+    """Foxglove writes the path of each plotted value, beside clocks and a topic."""
+    lines = [
+        [f"{t:.6f}", f"{1e9 + t:.6f}", "/arm", f"/joint_states.{word}[{j}]", f"{v:.9f}"]
+        for word, values in (("position", position(TIME)), ("effort", effort(TIME)))
+        for t, row in zip(TIME, values, strict=True)
+        for j, v in enumerate(row)
+    ]
+    header = f"elapsed time,receive time,robot name,{key},value"
+    assert_is_the_motion(read(write(tmp_path, lines, header)))
+
+
 def test_a_table_without_a_clock(tmp_path):
     lines = [line[1:] for line in rows()]
     file = write(tmp_path, lines, "joint,position,effort")

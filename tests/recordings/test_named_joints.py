@@ -40,6 +40,97 @@ def assert_is_read(file):
     np.testing.assert_allclose(log.torque, TORQUE)
 
 
+STRUCTURE = [("t", object), ("state", object), ("tau", object)]
+
+
+@pytest.mark.parametrize("samples", [30, 130])
+def test_a_structure_for_each_sample_is_a_row(tmp_path, samples):
+    """MATLAB's ``log(k).q = ...`` makes one; few are structures of joints."""
+    time = np.arange(samples) / 10.0
+    position = np.column_stack([np.sin(time), 0.2 * time])
+    log = np.array(
+        [
+            (t, {"q": q, "label": "moving"}, 3.0 * q)
+            for t, q in zip(time, position, strict=True)
+        ],
+        dtype=STRUCTURE,
+    )
+    savemat(tmp_path / "log.mat", {"log": log, "note": "run 3"})
+    if samples < 100:
+        with pytest.raises(RecordingError):
+            read(tmp_path / "log.mat")
+        return
+    found = read(tmp_path / "log.mat")
+    np.testing.assert_allclose(found.time, time)
+    np.testing.assert_allclose(found.position, position)
+    np.testing.assert_allclose(found.torque, 3.0 * position)
+
+
+def test_structures_in_cells_are_read_by_their_numbers(tmp_path):
+    cells = np.empty((1, 2), object)
+    for j in range(2):
+        cells[0, j] = {"q": POSITION[:, [j]], "tau": TORQUE[:, [j]]}
+    savemat(tmp_path / "log.mat", {"t": TIME, "joint": cells})
+    assert_is_read(tmp_path / "log.mat")
+
+
+def test_the_clock_of_a_channel_is_no_channel(tmp_path):
+    """``q.time`` has the word of a position, and a column."""
+    channels = {
+        name: {
+            "time": TIME[:, None],
+            "signals": {"values": values.T[:, None, :], "dimensions": [[2.0, 1.0]]},
+        }
+        for name, values in (("q", POSITION), ("tau", TORQUE))
+    }
+    savemat(tmp_path / "log.mat", {"out": {"tout": TIME[:, None], **channels}})
+    assert_is_read(tmp_path / "log.mat")
+
+
+PANDAS = {
+    "columns": lambda table, rows: {
+        name: dict(zip(map(str, range(len(rows))), column, strict=True))
+        for name, column in zip(table, zip(*rows, strict=True), strict=True)
+    },
+    "split": lambda table, rows: {
+        "columns": table,
+        "index": list(range(len(rows))),
+        "data": rows,
+    },
+    "index": lambda table, rows: {
+        name: {str(row[0]): row[k] for row in rows} for k, name in enumerate(table) if k
+    },
+    "split index": lambda table, rows: {
+        "columns": table[1:],
+        "index": [row[0] for row in rows],
+        "data": [row[1:] for row in rows],
+    },
+}
+
+
+@pytest.mark.parametrize("form", PANDAS)
+def test_frames_as_pandas_writes_them_are_read(tmp_path, form):
+    time = np.arange(130) / 10.0
+    position = np.column_stack([np.sin(time), 0.2 * time])
+    names = ["time", *(f"{w}_{j}" for w in ("q", "tau") for j in JOINTS)]
+    rows = np.column_stack([time, position, 3.0 * position]).tolist()
+    file = tmp_path / "log.json"
+    file.write_text(json.dumps(PANDAS[form](names, rows)))
+    log = read(file)
+    np.testing.assert_allclose(log.time, time)
+    np.testing.assert_allclose(log.position, position)
+    np.testing.assert_allclose(log.torque, 3.0 * position)
+
+
+def test_an_index_that_counts_rows_is_no_clock(tmp_path):
+    table = {
+        f"{w}_{j}": {str(k): 0.1 * k for k in range(130)} for w in "q" for j in JOINTS
+    }
+    file = tmp_path / "log.json"
+    file.write_text(json.dumps(table))
+    assert column_names(file) == ("q_shoulder", "q_elbow")
+
+
 def message(k):
     lists = {"position": POSITION[k, ::-1].tolist(), "effort": TORQUE[k, ::-1].tolist()}
     return {"name": OTHER, "velocity": [], **lists}

@@ -16,6 +16,7 @@ from consistent_id.recordings.readers.yaml_messages import MessageError, fields_
 JOINTS = ("shoulder", "elbow")
 PRINTED = ("elbow", "shoulder")  # ROS sorts names
 SAMPLES = 40
+FURTHER = ("velocities", "effort")
 
 
 def values(k):
@@ -51,6 +52,18 @@ def csv_of_ros1():
     return "\n".join(",".join(row) for row in [header, *rows]) + "\n"
 
 
+def csv_of_a_controller():
+    """Names of joints are called ``joint_names``, and a set-point is beside them."""
+    words = ("desired.positions", *(f"actual.{w}" for w in ("positions", *FURTHER)))
+    fields = [f"field.{w}{j}" for w in ("joint_names", *words) for j in range(2)]
+    rows = [
+        [str(10**11 + 10**8 * k), *PRINTED, "0.5", "0.6", *numbers(k)]
+        for k in range(SAMPLES)
+    ]
+    lines = [["field.header.stamp", *fields], *rows]
+    return "\n".join(",".join(row) for row in lines) + "\n"
+
+
 def yaml_of_ros2():
     def message(k):
         lists = {"name": PRINTED, **values(k)}
@@ -80,6 +93,7 @@ FORMS = {
     "ros2 topic echo --csv": csv_of_ros2(),
     "ros2 topic echo --csv, with a frame": csv_of_ros2("base_link"),
     "rostopic echo -p": csv_of_ros1(),
+    "rostopic echo -p of a controller": csv_of_a_controller(),
     "ros2 topic echo": yaml_of_ros2(),
     "rostopic echo": yaml_of_ros1(),
 }

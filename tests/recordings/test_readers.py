@@ -145,9 +145,9 @@ FAULTY_CSV = {
         "time,q_elbow\n0,1\n0,5,2\n",
         "row 2 \\(line 3\\): 3 fields, the header has",
     ),
-    "quoted comma": (
-        'time,q_elbow\n"0,5",1\n',
-        r"row 1 \(line 2\), column 'time': '0,5'.*'\.'",
+    "quoted thousands": (
+        'time,q_elbow\n"0,500",1\n',
+        r"row 1 \(line 2\), column 'time': '0,500'.*'\.'",
     ),
     "spaces": ("time q_elbow\n0 1 2\n", r"row 1 \(line 2\): 3 fields, .* has 2"),
     "short row": (

@@ -12,7 +12,12 @@ import pytest
 import scipy.io
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers import Columns, json_records, read_recording
+from consistent_id.recordings.readers import (
+    Columns,
+    hdf5,
+    json_records,
+    read_recording,
+)
 from consistent_id.recordings.readers.recording_file import LogRows
 
 JOINTS = ("elbow", "wrist")
@@ -164,6 +169,36 @@ def test_groups_of_hdf5_are_found_by_their_path(tmp_path):
     save_hdf5(path, {"run/t": TIME, "run/elbow/q": TIME, "run/wrist/q": -TIME})
     log = read_recording(path, JOINTS, Columns("/run/t", "run/{joint}/q"))
     np.testing.assert_array_equal(log.position, np.c_[TIME, -TIME])
+
+
+def test_records_of_hdf5_are_read_by_their_fields(tmp_path):
+    path = tmp_path / "log.h5"
+    records = np.zeros(5, dtype=[("t", "f8"), ("q", "f4", (3,)), ("on", "i1")])
+    records["t"], records["q"] = TIME, VALUES
+    save_hdf5(path, {"run/log": records})
+    columns = Columns("run/log/t", "run/log/q", array_joints=ORDER)
+    log = read_recording(path, ORDER, columns)
+    np.testing.assert_array_equal(log.time, TIME)
+    np.testing.assert_array_equal(log.position, VALUES.astype(np.float32))
+
+
+def test_frames_in_hdf5_are_read_by_the_names_of_their_columns(tmp_path):
+    """As pandas writes them with ``to_hdf``."""
+    path = tmp_path / "log.h5"
+    names = np.array(["time", *(f"q_{joint}" for joint in ORDER)], dtype="S")
+    frame = np.column_stack([TIME, VALUES])
+    parts = {"axis0": names, "axis1": np.arange(5), "block0_items": names}
+    save_hdf5(
+        path, {f"df/{k}": v for k, v in (parts | {"block0_values": frame}).items()}
+    )
+    listed = hdf5.array_names(path)
+    assert {"df/time", "df/q_elbow"} <= set(listed)
+    log = read_recording(path, JOINTS, Columns("df/time", "df/q_{joint}"))
+    places = [ORDER.index(joint) for joint in JOINTS]
+    np.testing.assert_array_equal(log.position, VALUES[:, places])
+    batches = list(hdf5.read_batches(path, ["df/time", "df/q_elbow"], 2))
+    elbow = np.concatenate([batch["df/q_elbow"] for batch in batches])
+    np.testing.assert_array_equal(elbow, VALUES[2:, ORDER.index("elbow")])
 
 
 ARRAY = Columns("t", "q", array_joints=ORDER)

@@ -149,6 +149,21 @@ def test_the_topic_that_names_the_joints_is_taken(save):
         read_recording(path, ["thumb"])
 
 
+def test_of_several_topics_the_measured_one_with_effort_is_taken(save):
+    bare = [(stamp, names, q, v, []) for stamp, names, q, v, _ in states(7)]
+    path = save(
+        {"/desired": bare, "/joint_states": states(5), "/cmd/joints": states(9)}
+    )
+    assert len(read_recording(path, JOINTS)) == 5
+
+
+def test_of_several_measured_topics_one_is_proposed(save):
+    path = save({"/left": states(5), "/right": states(7)})
+    with pytest.raises(RecordingError, match="2 of them 2 of") as caught:
+        read_recording(path, JOINTS)
+    assert caught.value.options == "--topic /left"
+
+
 def test_a_gripper_on_the_same_topic_takes_no_effort_away(save):
     claw = [(stamp + 1, ["claw"], [0.01], [], []) for stamp, *_ in states(5)]
     both = sorted([*states(5), *claw], key=lambda one: one[0])

@@ -195,6 +195,55 @@ def test_dates_are_seconds(tmp_path, separator, mark, zone):
     assert log.position[:, 0].tolist() == [1.5, 2.5]
 
 
+@pytest.mark.parametrize(
+    "form", ["20010909T0146{}.5", "2001-09-09_01-46-{}.5", "09-Sep-2001 01:46:{}.5"]
+)
+def test_further_forms_of_dates_are_seconds(tmp_path, form):
+    """Of ISO 8601 without marks, of names of files, of MATLAB."""
+    rows = [f"{form.format(40 + k)},{k}.5" for k in range(2)]
+    text = "\n".join(["time,q_elbow", *rows])
+    log = read_recording(written(tmp_path, text), ["elbow"])
+    assert log.time.tolist() == [1e9 + 0.5, 1e9 + 1.5]
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("ends", [(0, 1), (1, 0), (1, 1)])
+def test_a_separator_may_end_names_or_rows(tmp_path, separator, ends):
+    lines = ["time,q_elbow,tau_elbow", "0,1.5,3", "1,2.5,4", "2,3.5,5"]
+    of_names, of_rows = ("," * end for end in ends)
+    whole = [line + (of_rows if k else of_names) for k, line in enumerate(lines)]
+    path = written(tmp_path, "\n".join(whole).replace(",", separator) + "\n")
+    log = read_recording(path, ["elbow"], Columns(torque="tau_{joint}"))
+    assert log.position[:, 0].tolist() == [1.5, 2.5, 3.5]
+    assert log.torque[:, 0].tolist() == [3.0, 4.0, 5.0]
+    names = [name for name in csv.array_names(path) if name]
+    pieces = list(csv.read_batches(path, names, 1))
+    assert np.concatenate([p["q_elbow"] for p in pieces]).tolist() == [2.5, 3.5]
+
+
+@pytest.mark.parametrize("separator", [" ", ","])
+def test_the_numbers_of_rows_that_r_writes_have_no_name(tmp_path, separator):
+    rows = [f'"{k}",{0.1 * k},{k + 0.5}' for k in range(1, 4)]
+    text = "\n".join(['"time","q_elbow"', *rows]).replace(",", separator)
+    log = read_recording(written(tmp_path, text + "\n"), ["elbow"])
+    np.testing.assert_allclose(log.time, [0.1, 0.2, 0.3])
+    assert log.position[:, 0].tolist() == [1.5, 2.5, 3.5]
+    without = text.replace('"1"', "1").replace('"2"', "2")  # a name is missing
+    refused(tmp_path, without, "3 fields, the header has 2")
+
+
+def test_quoted_decimal_commas_stand_beside_commas(tmp_path):
+    text = 'time,q_elbow\n"0,00","1,5"\n"0,01","-2,125"\n"0,02","3"\n'
+    log = read_recording(written(tmp_path, text), ["elbow"])
+    assert log.time.tolist() == [0.0, 0.01, 0.02]
+    assert log.position[:, 0].tolist() == [1.5, -2.125, 3.0]
+
+
+def test_quoted_thousands_are_not_read_as_decimals(tmp_path):
+    text = 'time,q_elbow\n"0","1,024"\n"1","2,048"\n'
+    refused(tmp_path, text, "'1,024' is not a number")
+
+
 def test_a_date_that_is_none_is_refused(tmp_path):
     refused(tmp_path, "time,q_elbow\n2001-13-09T01:46:40,1\n", "is not a number")
 

@@ -42,8 +42,8 @@ def assert_is_read(log):
     "names",
     [
         ("posicion_{}", "velocidad_{}", "par_{}"),
-        ("角度{}", "角速度{}", "トルク{}"),
-        ("position_{}", "vitesse_{}", "couple_{}"),
+        ("угол{}", "скорость{}", "момент{}"),
+        ("pozycja_{}", "predkosc_{}", "naped_{}"),
     ],
 )
 def test_words_of_other_languages_are_found_by_their_numbers(tmp_path, names):

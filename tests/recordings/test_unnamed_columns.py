@@ -28,6 +28,44 @@ def written(folder, table, **more):
     return path
 
 
+@pytest.mark.parametrize(("name", "value"), [("dt", 0.02), ("info_fps", 50)])
+def test_a_single_number_states_the_rate(tmp_path, name, value):
+    t, q, _, torque = motion()
+    path = tmp_path / "log.npz"
+    table = np.column_stack([q, torque])[:, None, :]  # samples, robots, joints
+    arrays = {"dof_pos": table[..., :3], "dof_torque": table[..., 1:]}
+    np.savez(path, **arrays, **{name: value})
+    with pytest.raises(RecordingError, match=f"If {name}, which is") as caught:
+        guess_columns(path, KnownColumns(JOINTS))
+    assert caught.value.options == "--time 50Hz"
+    with pytest.raises(RecordingError, match="3 columns, the robot has 2") as caught:
+        guess_columns(path, KnownColumns(JOINTS, {"time": "50Hz"}))
+    assert "--position 'dof_pos[0:2]'" in str(caught.value)
+    stated = Columns("50Hz", "dof_pos[0:2]", torque="dof_torque[1:3]")
+    guess = guess_columns(
+        path,
+        KnownColumns(
+            JOINTS,
+            {"time": "50Hz", "position": stated.position, "torque": stated.torque},
+        ),
+    )
+    log = read_recording(path, JOINTS, guess.columns)
+    np.testing.assert_array_equal(log.position, q)
+    np.testing.assert_array_equal(log.torque, torque)
+    np.testing.assert_allclose(np.diff(log.time), 0.02)
+    assert len(log) == len(t)
+
+
+def test_a_clock_beside_a_counter_is_proposed(tmp_path):
+    t, q, _, torque = motion()
+    table = np.column_stack([np.arange(len(t)), 1000 * t, q, torque])
+    header = "seqno,tm,q1,q2,tau1,tau2"
+    path = written(tmp_path, table, header=header, comments="")
+    with pytest.raises(RecordingError, match="tm: numbers that rise") as caught:
+        guess_columns(path, KnownColumns(JOINTS))
+    assert caught.value.options == "--time tm --units time=ms"
+
+
 def test_the_rate_of_change_of_a_block_is_its_velocity_in_any_order():
     t, q, dq, torque = motion()
     found = column_layout(np.column_stack([t, torque, dq, q]), 2)

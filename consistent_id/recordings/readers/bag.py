@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.files import require_regular, require_unpacked
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.column_words import is_of_another
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.readers.controller_states import (
     CONTROLLER_STATE,
@@ -402,14 +403,21 @@ def _topic(path: Path, bag: Any, topic: str | None, joints: Sequence[str]) -> st
     found = _named(path, bag, states, joints)
     counts = [len(set(joints) & set(one.joints)) for one in found]
     most = max(counts)
-    if most == 0 or counts.count(most) > 1:
+    likely = [t for t, count in zip(found, counts, strict=True) if count == most]
+    with_effort = [
+        t for t in likely if "effort" in t.fields and not is_of_another(t.name)
+    ]
+    if most == 0 or (len(likely) > 1 and len(with_effort) != 1):
         listed = "; ".join(f"{t.name}: {', '.join(t.joints) or 'none'}" for t in found)
+        first, *_ = with_effort or likely
+        option = f"--topic {first.name}"
         raise RecordingError(
             f"{path}: {len(states)} topics of {_TYPE} name joints ({listed}), "
-            f"{counts.count(most)} of them {most} of {', '.join(joints)}; name one: "
-            f"--topic {states[0]} (topic)"
+            f"{len(likely)} of them {most} of {', '.join(joints)}; name one: "
+            f"{option} (topic)",
+            options=option,
         )
-    return found[counts.index(most)].name
+    return likely[0].name if len(likely) == 1 else with_effort[0].name
 
 
 def _named(

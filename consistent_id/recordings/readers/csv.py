@@ -69,6 +69,7 @@ from consistent_id.recordings.readers.used_rows import (
 _HEAD = 2**14  # characters that show whether there are dates
 _SI = {*SI_WORDS, "", "-", "1"}
 _OF_SI = ": values are read in s, rad, m, N m and N"
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,(?:\d{1,2}|\d{4,})(?:[eE][-+]?\d+)?")
 _FLAG = re.compile(r"\b(?:true|false)\b", re.IGNORECASE)
 _NOTHING = {"", "NA", "N/A", "NULL", "null", "None"}  # fields of missing values
 
@@ -278,7 +279,7 @@ def _exact(
     used: UsedRows,
 ) -> _Values:
     """Return the columns as the csv module reads them, NaN in rows to omit."""
-    mark = "." if header.separator == "," else None
+    mark = _mark_of(body, header, places)
     lenient, day_first = used.missing == "omit", header.day_first
     flags = _flags(body, header, places, used)
     reader = _reader(body, header)
@@ -315,6 +316,21 @@ def _exact(
     if not rows:
         raise EmptyTableError(f"{path}: no row below the header")
     return _Values(np.array(rows, dtype=np.float64), flags)
+
+
+def _mark_of(body: str, header: CsvHeader, places: Sequence[int]) -> str | None:
+    """Return the decimal mark that separators leave open; None if any may be it.
+
+    Beside commas, quoted numbers may have decimal commas.  Three digits behind one may
+    be thousands.
+    """
+    if header.separator != ",":
+        return None
+    first: Sequence[str] = next(_reader(body, header), [])
+    quoted = any(map(_DECIMAL_COMMA.fullmatch, first)) and not _miscounted(
+        first, header
+    )
+    return "," if quoted and not any("." in first[k] for k in places) else "."
 
 
 def _reader(body: str, header: CsvHeader) -> Any:

@@ -5,6 +5,7 @@ Columns of a file without a header are called ``column1``, ``column2`` and so on
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from consistent_id.recordings.readers.text_files import SEPARATORS, SPACE
 from consistent_id.recordings.readers.text_numbers import is_number
 
 _WITHOUT_NAMES = "column"
+_NUMBERS_OF_R = re.compile(r'"1"[^\n]*\n"2"')  # rows that begin with their numbers
 _NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
 
 
@@ -117,7 +119,12 @@ def headers_of(text: str) -> TextHeaders:
     above = [_split(io.StringIO(comment), 0, mark) for mark in _marks(comment)]
     return TextHeaders(
         [
-            _of_messages(_named(replace(h, line=comments + h.line), start), text, start)
+            _as_wide_as_rows(
+                _of_messages(
+                    _named(replace(h, line=comments + h.line), start), text, start
+                ),
+                text,
+            )
             for h in first
         ],
         [replace(h, line=comments, end=start) for h in above if comment],
@@ -146,6 +153,24 @@ def _of_messages(header: CsvHeader, text: str, start: int) -> CsvHeader:
     line, end = (header.line - 1, start) if found.is_row else (header.line, header.end)
     repeated = header.separator.join(found.repeated)
     return replace(header, names=found.names, line=line, end=end, repeated=repeated)
+
+
+def _as_wide_as_rows(header: CsvHeader, text: str) -> CsvHeader:
+    """Return a header with the names of its row, one of which may end with a separator.
+
+    Programmes that write a separator after each value write none after the last name,
+    and the reverse.  R writes the number of each row, quoted, and no name for it.
+    """
+    names = header.names
+    lines = io.StringIO(text, newline="")
+    below = _split(lines, header.end, header.separator).names
+    if len(below) == len(names) + 1 and _NUMBERS_OF_R.match(text, header.end):
+        return replace(header, names=("", *names))
+    if below[:-1] and not below[-1] and len(below) == len(names) + 1:
+        return replace(header, names=(*names, ""))
+    if names[:-1] and not names[-1] and len(names) == len(below) + 1:
+        return replace(header, names=names[:-1])
+    return header
 
 
 def _marks(line: str) -> tuple[str, ...]:

@@ -100,7 +100,9 @@ def array_units(path: Path, names: Sequence[str]) -> dict[str, str]:
     try:
         with h5py.File(path, "r") as file:
             for name in names:
-                attributes = _dataset(path, file, name, name).attrs
+                whole, key = _column(file, name) or (name, None)
+                dataset = _dataset(path, file, name, whole, columns=key is not None)
+                attributes = dataset.attrs
                 for key in ("units", "unit"):
                     unit = attributes.get(key)
                     if isinstance(unit, bytes):
@@ -129,7 +131,12 @@ def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Array
 
     try:
         with h5py.File(path, "r") as file:
-            found = {name: _dataset(path, file, name, name) for name in names}
+            found = {
+                name: _array(path, file, name, name)
+                if _column(file, name)
+                else _dataset(path, file, name, name)
+                for name in names
+            }
             samples = found[names[0]].size
             for start in range(first, samples, _ROWS):
                 part = slice(start, start + _ROWS)
@@ -167,13 +174,53 @@ def _datasets(path: Path, places: dict[str, str]) -> Arrays:
 
 
 def _array(path: Path, file: Any, name: str, place: str) -> NDArray[Any]:
-    found = _dataset(path, file, name, place)
-    unpacked, stored = 8 * math.prod(found.shape), path.stat().st_size
+    whole, key = _column(file, place) or (place, None)
+    found = _dataset(path, file, name, whole, columns=key is not None)
+    unpacked = max(8, found.dtype.itemsize) * math.prod(found.shape)
+    stored = path.stat().st_size
     require_unpacked(f"{path}: column {name!r}", unpacked, stored, RecordingError)
-    return np.asarray(found[()])
+    if isinstance(key, int):
+        return np.asarray(found[:, key])
+    return np.asarray(found[()] if key is None else found[key])
 
 
-def _dataset(path: Path, file: Any, name: str, place: str) -> Any:
+def _column(file: Any, place: str) -> tuple[str, str | int] | None:
+    """Return the dataset that has a column, and its field or number; None of others.
+
+    Fields of records, and columns of frames that pandas wrote: ``df/block0_values``
+    beside their names in ``df/block0_items``.
+    """
+    group, _, last = place.rpartition("/")
+    if not group or place in file or group not in file:
+        return None
+    if (getattr(file[group], "dtype", None) or np.dtype(float)).names:
+        return (group, last) if last in file[group].dtype.names else None
+    for values, names in _frames(file, group).items():
+        if last in names:
+            return values, names.index(last)
+    return None
+
+
+def _frames(file: Any, group: str) -> dict[str, list[str]]:
+    """Return the names of columns of each table that pandas wrote into a group."""
+    import h5py
+
+    found = dict[str, list[str]]()
+    if not isinstance(file[group], h5py.Group):
+        return found
+    for key, item in file[group].items():
+        names = file[group].get(f"{key.removesuffix('_values')}_items")
+        if not key.endswith("_values") or not isinstance(names, h5py.Dataset):
+            continue
+        if names.dtype.kind == "S" and item.shape[1:] == names.shape:
+            texts = [text.decode(errors="replace") for text in names[()].tolist()]
+            found[f"{group}/{key}"] = texts
+    return found
+
+
+def _dataset(
+    path: Path, file: Any, name: str, place: str, *, columns: bool = False
+) -> Any:
     import h5py
 
     where = f"{path}: column {name!r}"
@@ -192,7 +239,8 @@ def _dataset(path: Path, file: Any, name: str, place: str) -> Any:
             f"{where} is an empty array or a {kind} of MATLAB, expected an array of "
             "numbers. Save tables, timeseries and the like as such arrays"
         )
-    if found.shape is None or found.dtype.kind not in "iuf":
+    kinds = "iufV" if columns else "iuf"
+    if found.shape is None or found.dtype.kind not in kinds:
         raise RecordingError(
             f"{where} holds {found.dtype}, expected numbers in SI units"
         )
@@ -232,10 +280,17 @@ def _paths(file: Any) -> list[str]:
     import h5py
 
     found: list[str] = []
+    frames: dict[str, dict[str, list[str]]] = {}
 
     def note(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
-            found.append(name)
+        if not isinstance(item, h5py.Dataset):
+            return
+        group, _, _ = name.rpartition("/")
+        if group not in frames:
+            frames[group] = _frames(file, group) if group else {}
+        fields = [f"{name}/{field}" for field in item.dtype.names or ()]
+        columns = [f"{group}/{column}" for column in frames[group].get(name, ())]
+        found.extend(columns or fields or [name])
 
     file.visititems(note)
     return found

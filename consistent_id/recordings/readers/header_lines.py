@@ -7,6 +7,7 @@ header is what stands directly above the first rows of numbers and has as many f
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -32,6 +33,8 @@ SI_WORDS = {
 }
 """Units that change nothing, in lower case and without spaces."""
 
+_END = "***End_of_Header***"  # of LabVIEW; the last one stands above the names
+_MARK = re.compile(r"\s*(?://+|%+|!)\s+")  # of a comment, before names
 _NOTHING = {"", "-", "1", "NA", "N/A", "NULL", "null", "None"}
 
 
@@ -87,21 +90,36 @@ def header_note(text: str, name: str) -> list[str]:
 
 def _found(text: str) -> _HeaderLines | None:
     lines = text[:_HEAD].splitlines()[: _MOST + 2]
-    rows = next((k for k in range(len(lines) - 1) if _begins(lines, k)), 0)
+    start = max((k + 1 for k, line in enumerate(lines) if _END in line), default=0)
+    rows = next((k for k in range(start, len(lines) - 1) if _begins(lines, k)), 0)
     if not rows or any(line.count('"') % 2 for line in lines[: rows + 1]):
         return None
     mark = separator_of(lines[rows])
     width = len(_fields(lines[rows], mark))
-    first = rows
-    while first and not lines[first - 1].startswith("#"):
-        if len(_fields(lines[first - 1], mark)) != width:
+    first, header = rows, list[list[str]]()
+    while first > start and not lines[first - 1].startswith("#"):
+        fields = _names_in(lines[first - 1], mark, width)
+        if len(fields) != width:
             break
-        first -= 1
+        first, header = first - 1, [fields, *header]
     above = [line for line in lines[:first] if not line.startswith("#")]
-    if first == rows or (first == rows - 1 and not above):
+    marked = mark == SPACE and _MARK.match(lines[rows - 1]) is not None
+    if not header or (len(header) == 1 and not above and not marked):
         return None
-    names = _merged([_fields(line, mark) for line in lines[first:rows]])
+    names = _merged(header)
     return None if names is None else _HeaderLines(names, first, rows, mark)
+
+
+def _names_in(line: str, mark: str, width: int) -> list[str]:
+    """Return the fields of a line above the rows, without a mark of a comment.
+
+    LabVIEW names a column of comments, which its rows need not have.
+    """
+    fields = _fields(line, mark)
+    if len(fields) != width:
+        fields = _fields(_MARK.sub("", line), mark)
+    more = len(fields) == width + 1 and fields[-1] == "Comment"
+    return fields[:-1] if more else fields
 
 
 def _begins(lines: Sequence[str], k: int) -> bool:

@@ -10,6 +10,7 @@ may be texts.  Values that are no numbers or times in all records are not an arr
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -59,14 +60,52 @@ def notes(path: Path) -> tuple[str, ...]:
 def _records(content: Any) -> Any:
     """Return the list of records that stands in an object beside a title and the like.
 
-    As it is, if it is none.
+    Tables as pandas writes them become objects of lists.  As it is, if it is none.
     """
     if not isinstance(content, Mapping):
         return content
+    if (table := _of_pandas(content)) is not None:
+        return table
     long = [v for v in content.values() if isinstance(v, list)]
     found = max(long, key=len, default=[])
     are_records = len(found) > _MOST_JOINTS and isinstance(found[0], Mapping)
     return found if are_records else content
+
+
+def _of_pandas(content: Mapping[str, Any]) -> dict[str, list[Any]] | None:
+    """Return the columns of a frame that pandas wrote by rows or by columns; or None.
+
+    ``split`` writes names, an index and rows; by default, a column is an object with
+    the numbers of its rows as keys.
+    """
+    names, rows = content.get("columns"), content.get("data")
+    if isinstance(names, list) and isinstance(rows, list) and rows:
+        whole = (isinstance(row, list) and len(row) == len(names) for row in rows)
+        named = names and all(isinstance(name, str) for name in names)
+        if not named or not all(whole):
+            return None
+        columns = (list(column) for column in zip(*rows, strict=True))
+        return _with_clock(dict(zip(names, columns, strict=True)), content.get("index"))
+    first = next(iter(content.values()), None)
+    if not isinstance(first, Mapping) or len(first) <= _MOST_JOINTS:
+        return None
+    keys = first.keys()
+    same = (isinstance(c, Mapping) and c.keys() == keys for c in content.values())
+    if any(number(key, ".") is None for key in keys) or not all(same):
+        return None
+    return _with_clock({n: list(c.values()) for n, c in content.items()}, list(keys))
+
+
+def _with_clock(table: dict[str, list[Any]], index: Any) -> dict[str, list[Any]]:
+    """Add a frame's index as its clock, if it does not count rows and has no other."""
+    if not isinstance(index, list) or any(map(is_time, table)):
+        return table
+    read = [number(v, ".") if isinstance(v, str) else v for v in index]
+    stamps = [float(stamp) for stamp in read if isinstance(stamp, int | float)]
+    if len(stamps) < len(index):
+        return table
+    counts = all(later - one == 1 for one, later in pairwise(stamps))
+    return table if counts else {"time": stamps} | table
 
 
 def _lists(content: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:

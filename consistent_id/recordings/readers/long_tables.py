@@ -36,6 +36,7 @@ from consistent_id.recordings.readers.units import (
 _JOINT = {"joint", "joints", "jnt", "axis", "motor", "actuator", "servo", "dof"}
 _NUMBER = {"id", "index", "idx", "nr", "no", "num", "number", "name", "names"}
 _SIGNAL = {"signal", "variable", "field", "channel", "name", "key", "metric", "tag"}
+_SIGNAL |= {"label", "series", "topic"}
 _VALUE = {"value", "values", "val"}
 _HEAD = 1_000  # rows that show what a table may be
 _FEWEST = 2  # joints or signals
@@ -105,8 +106,9 @@ def joint_column(names: Sequence[str], columns: Mapping[str, Sequence[str]]) -> 
     >>> joint_column(["t", "joint", "q"], cells | {"q": ["1", "2", "3", "4"]})
     'joint'
     """
-    found = [n for n in names if may_name(n, names) and _names_rows(columns[n])]
-    if len(found) != 1 or len(set(columns[found[0]])) < _FEWEST:
+    likely = [n for n in names if may_name(n, names) and _names_rows(columns[n])]
+    found = [name for name in likely if len(set(columns[name])) >= _FEWEST]
+    if len(found) != 1:
         return ""
     (key,) = found
     if _value_column(names, key) is not None:

@@ -39,7 +39,7 @@ _UNREADABLE = (
     UserWarning,
 )
 
-_MOST_STRUCTURES = 100  # of an array, of which each has its arrays
+_MOST_STRUCTURES = 100  # of an array, of which each has its arrays; more are samples
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {*range(1, 8), 9, *range(12, 19)}
 _HEADER = 128
@@ -90,7 +90,11 @@ def array_names(path: Path) -> tuple[str, ...]:
 
 def _inside(name: str, value: Any) -> list[str]:
     """Return the names of the arrays of numbers in a value, perhaps a structure."""
+    value = _structures(value)
     fields = getattr(getattr(value, "dtype", None), "names", None)
+    if fields and value.size > _MOST_STRUCTURES:
+        rows = {field: _side_by_side(value[field]) for field in fields}
+        return [n for field in fields for n in _inside(f"{name}.{field}", rows[field])]
     if fields and 1 <= value.size <= _MOST_STRUCTURES:
         parts = [name] if value.size == 1 else [f"{name}({k})" for k in _keys(value)]
         return [
@@ -101,6 +105,32 @@ def _inside(name: str, value: Any) -> list[str]:
         ]
     numeric = isinstance(value, np.ndarray) and value.dtype.kind in "iufb"
     return [name] if numeric or len(_texts(value)) > 1 else []
+
+
+def _structures(value: Any) -> Any:
+    """Return the structures in cells as an array of them; other values as they are."""
+    if not isinstance(value, np.ndarray) or value.dtype != object or not value.size:
+        return value
+    cells = [np.asarray(cell) for cell in value.reshape(-1)]
+    fields = cells[0].dtype.names
+    alike = all(c.dtype.names == fields and c.size == 1 for c in cells)
+    return np.concatenate([c.reshape(-1) for c in cells]) if fields and alike else value
+
+
+def _side_by_side(cells: NDArray[Any]) -> NDArray[Any]:
+    """Return a field of a structure for each sample as an array with a row for each.
+
+    As it is, if it is not of the same kind and size in all.
+    """
+    found = _structures(cells)
+    if found.dtype.names:
+        return np.asarray(found)
+    each = [np.asarray(cell).reshape(-1) for cell in cells.reshape(-1)]
+    numeric = all(one.dtype.kind in "iufb" for one in each)
+    if not numeric or len({one.size for one in each}) != 1:
+        return cells
+    rows = np.stack(each)
+    return rows[:, 0] if rows.shape[1] == 1 else rows
 
 
 def _keys(structures: Any) -> list[str]:
@@ -199,16 +229,19 @@ def _value(path: Path, variables: dict[str, Any], name: str) -> Any:
     """Return a variable, or a field of structures, of arrays of them by their key."""
     first, *parts = name.replace("/", ".").split(".")
     seen = _variable(first)
-    value = _one_of(variables[seen], first)
+    value = _one_of(_structures(variables[seen]), first)
     for part in parts:
         field = _variable(part)
         known = getattr(getattr(value, "dtype", None), "names", None) or ()
         require_known([field], known, f"{path}: {seen!r} has no field", RecordingError)
+        if value.size > _MOST_STRUCTURES:
+            value, seen = _side_by_side(value[field]), f"{seen}.{part}"
+            continue
         if value.size != 1:
             raise RecordingError(
                 f"{path}: {seen!r} is an array of {value.size} structures, expected one"
             )
-        value = _one_of(value[field].reshape(-1)[0], part)
+        value = _one_of(_structures(value[field].reshape(-1)[0]), part)
         seen = f"{seen}.{part}"
     return value
 

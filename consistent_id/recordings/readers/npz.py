@@ -129,5 +129,6 @@ def _array(path: Path, file: np.lib.npyio.NpzFile, name: str) -> np.ndarray:
 def _unread(path: Path, name: str, cause: ValueError) -> RecordingError:
     return RecordingError(
         f"{path}: array {name!r} cannot be read ({cause}). Save plain arrays of "
-        "numbers; pickled objects are not loaded, since they can run any code"
+        "numbers, and names as names.astype(str); pickled objects are not loaded, "
+        "since they can run any code"
     )

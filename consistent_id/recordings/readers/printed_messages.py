@@ -4,16 +4,18 @@
 are fields, so that numbered columns would not say which joint they are of.  ``echo``
 alone writes a block of YAML for each message, KUKA's interface an element of XML.
 pandas writes a column of arrays as lists in its cells, such as ``"[0.1, 0.2]"``.
+Programmes print lines in which each value has its name, ``q1=0.1``.
 """
 
 import csv
 import io
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+from consistent_id.recordings.readers.named_values import are_named, table_of
 from consistent_id.recordings.readers.yaml_messages import (
     MessageError,
     fields_of,
@@ -23,7 +25,8 @@ from consistent_id.recordings.readers.yaml_messages import (
 _CHANNELS = ("position", "velocity", "effort")
 _STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 _BEFORE_NAMES = 3  # fields of a header: seconds, nanoseconds, frame
-_NAMED = re.compile(r"(?P<before>.*?)name(?P<after>[._\[]*)(?P<number>\d+)\]?$")
+_NAMED = re.compile(r".*?names?[._\[]*\d+\]?$")
+_PLACE = re.compile(r"(?P<stem>.*?)(?P<mark>[._\[]*)(?P<number>\d+)\]?$")
 _COUNTED = re.compile(r"[._\[]?\d+\]?$")  # the number that ends a name
 _INTEGER = re.compile(r"\d+")
 
@@ -72,6 +75,8 @@ def named_columns(first: Sequence[str], second: Sequence[str]) -> NamedColumns |
     ('%time', 'name0', 'effort.hip')
     >>> named_columns(["t", "name", "q_0", "q_1"], ["17", "['b', 'a']", "1", "2"]).names
     ('t', 'name', 'q.b', 'q.a')
+    >>> named_columns(["joint_names0", "actual.positions0"], ["hip", "0.1"]).names
+    ('joint_names0', 'actual.positions.hip')
     """
     found = _without_header(first) or _with_header(first, second)
     return found or _with_list(first, second)
@@ -105,19 +110,24 @@ def _with_header(first: Sequence[str], second: Sequence[str]) -> NamedColumns | 
     """Replace the numbers of columns by the names in the row below."""
     if len(first) != len(second):
         return None
-    places = {
-        k: match for k, name in enumerate(first) if (match := _NAMED.fullmatch(name))
-    }
+    places = [k for k, name in enumerate(first) if _NAMED.fullmatch(name)]
     joints = tuple(second[k] for k in places)
     if not joints or any(not j or is_float(j) for j in joints):
         return None
-    named = {
-        first[k].replace("name", channel): f"{match['before']}{channel}.{joint}"
-        for (k, match), joint in zip(places.items(), joints, strict=True)
-        for channel in _CHANNELS
-    }
-    names = tuple(named.get(name, name) for name in first)
-    return None if names == tuple(first) else NamedColumns(names, joints, is_row=False)
+    found = [_PLACE.fullmatch(name) for name in first]
+    named = {m["number"]: second[k] for k in places if (m := found[k]) is not None}
+    groups: dict[tuple[str, str], dict[str, int]] = defaultdict(dict)
+    for k, match in enumerate(found):
+        if match is not None and k not in places:
+            groups[match["stem"], match["mark"]][match["number"]] = k
+    names = list(first)
+    for (stem, _), numbers in groups.items():
+        if numbers.keys() == named.keys():  # one of each joint
+            for number, k in numbers.items():
+                names[k] = f"{stem}.{named[number]}"
+    if names == list(first):
+        return None
+    return NamedColumns(tuple(names), joints, is_row=False)
 
 
 def _with_list(first: Sequence[str], second: Sequence[str]) -> NamedColumns | None:
@@ -152,7 +162,7 @@ def _is_message(text: str) -> bool:
 
 def is_printed(text: str) -> bool:
     """Return whether a text begins with a message, or has lists in its first row."""
-    if _is_message(text):
+    if _is_message(text) or are_named(text):
         return True
     return _LISTS.search(text, 0, _HEAD) is not None and bool(_widths(text))
 
@@ -171,7 +181,7 @@ def as_table(text: str) -> str:
         If a line is not understood.
     """
     if not _is_message(text):
-        return _without_lists(text)
+        return table_of(text) if are_named(text) else _without_lists(text)
     if (found := _XML.match(text)) is not None:
         parts = text.split(f"</{found['root']}>")
         rows = [_of_xml(part) for part in parts if "<" in part]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from consistent_id._support.arrays import IntArray, Vector
 from consistent_id._support.files import (
@@ -337,6 +337,17 @@ def reader_of(path: Path) -> Any:
         if not file.is_dir():
             require_regular(file, RecordingError)
     return known.reader(path)
+
+
+def read_whole(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """Return named arrays of a log, without dimensions of one beside two others.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read, or there is no such array.
+    """
+    return read_parts(reader_of(path), path, names, UsedRows())
 
 
 def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> WantedChannels:

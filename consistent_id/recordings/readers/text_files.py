@@ -5,7 +5,10 @@ import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from pathlib import Path
 
+from consistent_id.recordings.column_words import JOINED
+
 _UTF_16, _WINDOWS = "utf-16", "cp1252"
+_EAST_ASIAN = {"cp932": "Shift-JIS", "gb18030": "GB 18030", "euc_kr": "EUC-KR"}
 _CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 _HEAD = 2**22  # bytes that show the encoding
 
@@ -35,20 +38,36 @@ def separator_of(line: str) -> str:
 def encoding_of(path: Path) -> str:
     """Return the encoding of a text file.
 
-    UTF-16 begins with a mark.  Other text is Windows-1252, of which Latin-1 is a part:
-    only names and comments can differ, as numbers are ASCII.
+    UTF-16 begins with a mark.  Other text is Japanese, Chinese or Korean if it then has
+    known words, else Windows-1252, of which Latin-1 is a part: only names and comments
+    can differ, as numbers are ASCII.
     """
     with path.open("rb") as file:
         first = file.read(_HEAD)
     if first.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
         return _UTF_16
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(first)
-    except UnicodeDecodeError:
+    if _words_in(first, "utf-8") is None:
+        found = {name: _words_in(first, name) or 0 for name in _EAST_ASIAN}
+        likely = max(found, key=found.__getitem__)
         text = first.decode(_WINDOWS, errors="replace")
-        if "\ufffd" not in text and not _CONTROLS.search(text):
-            return _WINDOWS
+        if not _CONTROLS.search(text):
+            if found[likely]:
+                return likely
+            if "\ufffd" not in text:
+                return _WINDOWS
     return "utf-8-sig"
+
+
+def _words_in(text: bytes, encoding: str) -> int | None:
+    """Return the number of known words in letters of East Asia; None if not readable.
+
+    The text may be cut within a letter.  A single letter may be two of Latin-1.
+    """
+    decoder = codecs.getincrementaldecoder(encoding)()
+    try:
+        return sum(len(word) > 1 for word in JOINED.findall(decoder.decode(text)))
+    except UnicodeDecodeError:
+        return None
 
 
 def encoding_notes(path: Path) -> list[str]:
@@ -61,4 +80,6 @@ def encoding_notes(path: Path) -> list[str]:
             f"{path.name} is not UTF-8, it is read as Latin-1 (Windows-1252): check "
             "letters such as \N{DEGREE SIGN} in the names of columns"
         ]
+    if encoding in _EAST_ASIAN:
+        return [f"{path.name} is not UTF-8, it is read as {_EAST_ASIAN[encoding]}"]
     return []

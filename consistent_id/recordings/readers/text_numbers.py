@@ -5,7 +5,12 @@ from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from typing import NamedTuple
 
-_DATE = re.compile(r"\d{4}([-/])\d\d\1\d\d[T ]\d\d:\d\d")
+_DATE = re.compile(r"\d{4}([-/])\d\d\1\d\d[T ]\d\d:\d\d|\d{8}T\d{6}")
+# 2026-12-31_10-00-00.5, as in names of files.
+_DASHED = re.compile(r"(\d{4}-\d\d-\d\d)[_T ](\d\d)-(\d\d)-(\d\d(?:\.\d+)?)")
+# 31-Dec-2026 10:00:00 of MATLAB.
+_WORDED = re.compile(r"(\d\d?)-([A-Za-z]{3})-(\d{4})[T ](\d\d:\d\d:\d\d(?:\.\d+)?)")
+_NAMES_OF_MONTHS = "Jan Feb Mar Apr May Jun Jul Aug Sep Oct Nov Dec".split()
 # 31.12.2026 in Germany, 12/31/2026 in America, perhaps with AM or PM.
 _LOCAL = re.compile(
     r"(?P<first>\d\d?)(?P<mark>[./])(?P<second>\d\d?)(?P=mark)(?P<year>\d{4})[T ]+"
@@ -127,7 +132,9 @@ def number(cell: str, mark: str | None, day_first: bool = False) -> float | None
     day_first : bool
         Whether the day is first in dates with slashes.
     """
-    if "_" in cell or not cell.isascii():  # Python's float() would accept them
+    if not cell.isascii():  # Python's float() would accept some
+        return None
+    if "_" in cell and not _DASHED.fullmatch(cell):
         return None
     if mark == "," and not _is_date(cell):
         if "." in cell:
@@ -138,13 +145,16 @@ def number(cell: str, mark: str | None, day_first: bool = False) -> float | None
     except ValueError:
         if cell[:4].isdigit():
             return _seconds_of_date(cell)
+        if worded := _WORDED.fullmatch(cell):
+            return _seconds_of_worded(*worded.groups())
         if _LOCAL.match(cell):
             return _seconds_of_local(cell, day_first)
         return _duration(cell)
 
 
 def _is_date(cell: str) -> bool:
-    return bool(_DATE.match(cell) or _LOCAL.match(cell))
+    forms = (_DATE, _LOCAL, _DASHED, _WORDED)
+    return any(form.match(cell) is not None for form in forms)
 
 
 def _duration(cell: str) -> float | None:
@@ -176,7 +186,12 @@ def _seconds_of_date(cell: str) -> float | None:
     --------
     >>> _seconds_of_date("1970-01-02T00:00:00.25"), _seconds_of_date("1970-01-02")
     (86400.25, None)
+    >>> _seconds_of_date("19700102T000000"), _seconds_of_date("1970-01-02_00-00-00.5")
+    (86400.0, 86400.5)
     """
+    if dashed := _DASHED.fullmatch(cell):
+        day, *time = dashed.groups()
+        cell = f"{day}T{':'.join(time)}"
     if _DATE.match(cell) is None:
         return None
     try:
@@ -184,6 +199,20 @@ def _seconds_of_date(cell: str) -> float | None:
     except ValueError:
         return None
     return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+
+
+def _seconds_of_worded(day: str, month: str, year: str, time: str) -> float | None:
+    """Return the seconds from 1970 to a date with the English name of its month.
+
+    Examples
+    --------
+    >>> _seconds_of_worded("02", "Jan", "1970", "00:00:01.5")
+    86401.5
+    """
+    if month.title() not in _NAMES_OF_MONTHS:
+        return None
+    number = _NAMES_OF_MONTHS.index(month.title()) + 1
+    return _seconds_of_date(f"{year}-{number:02d}-{int(day):02d}T{time}")
 
 
 def _seconds_of_local(cell: str, day_first: bool = False) -> float | None:

@@ -155,6 +155,11 @@ _CLOCKS += (
     "zeitinsec",
     "elapsed",
     "elapsed_time",
+    "temps",
+    "时间",
+    "時間",
+    "時刻",
+    "시간",
 )
 
 

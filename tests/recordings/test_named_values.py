@@ -1,0 +1,63 @@
+"""Lines in which each value has its name are read as a table."""
+
+import json
+
+import numpy as np
+import pytest
+
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
+from consistent_id.recordings.readers import read_recording
+
+JOINTS = ("axis_a", "axis_b")
+TIME = np.arange(30) / 10.0
+POSITION = np.round(np.column_stack([np.sin(TIME), 0.2 * TIME]), 6)
+TORQUE = np.round(3.0 * POSITION + 1.0, 6)
+
+
+def pairs(t, q, tau):
+    each = [f"q{k}={q[k - 1]:.6f}, tau{k} = {tau[k - 1]:.6f}" for k in (1, 2)]
+    return f"t={t:.4f}, " + ", ".join(each)
+
+
+def stamped(t, q, tau):
+    lists = "q=[{:.6f}, {:.6f}] tau=[{:.6f}, {:.6f}]".format(*q, *tau)
+    return f"[INFO] [{1.7e9 + t:.6f}] [arm]: {lists}"
+
+
+def of_numpy(t, q, tau):
+    return f"t: {t:.4f} q: {q} tau: {tau}"
+
+
+def objects(t, q, tau):
+    return json.dumps({"t": t, "q": q.tolist(), "tau": tau.tolist()})
+
+
+def read(file):
+    guess = guess_columns(file, KnownColumns(JOINTS))
+    return read_recording(file, guess.joints, guess.columns)
+
+
+def lines(form):
+    return [form(*row) for row in zip(TIME, POSITION, TORQUE, strict=True)]
+
+
+@pytest.mark.parametrize("form", [pairs, stamped, of_numpy, objects])
+def test_lines_of_names_and_values_are_read(tmp_path, form):
+    file = tmp_path / "printed.log"
+    file.write_text("\n".join(lines(form)) + "\n")
+    log = read(file)
+    np.testing.assert_allclose(log.time - log.time[0], TIME, atol=1e-6)
+    np.testing.assert_allclose(log.position, POSITION)
+    np.testing.assert_allclose(log.torque, TORQUE)
+
+
+def test_a_last_line_that_is_cut_off_and_other_lines_are_left_out(tmp_path):
+    file = tmp_path / "printed.log"
+    printed = lines(pairs)
+    printed.insert(7, "warning: retries=3")
+    printed.insert(0, "controller started, rate=100")
+    file.write_text("\n".join(printed)[:-3])  # its last number has other digits
+    log = read(file)
+    np.testing.assert_allclose(log.position, POSITION[:-1])
+    np.testing.assert_allclose(log.torque, TORQUE[:-1])
