@@ -34,6 +34,7 @@ from consistent_id.rollout.chosen_settings import (
     chosen_settings,
 )
 from consistent_id.rollout.compared_models import Rollout, rollout
+from consistent_id.rollout.delay_interval import delay_sentence
 from consistent_id.rollout.delay_search import FoundDelay
 from consistent_id.rollout.refine import Refined, refined
 from consistent_id.rollout.settings import (
@@ -150,30 +151,8 @@ class ProblemRollout:
             f"error on the other part {1e3 * choice.error:.2f} mrad (mm), the least of "
             f"{len(choice.tried)}"
         ]
-        found = choice.delay
-        if found is not None and found.at_bound:
-            notes.append(
-                f"the delay is the longest that is tried, {1e3 * found.delay:g} ms: "
-                "check the clock of commands"
-                if found.delay > 0.0
-                else "the delay is the shortest that is tried, 0 ms, and its error is "
-                "unknown: either there is none, or commands are logged later than they "
-                "act (check their clock)"
-            )
-        elif found is not None and choice.delay_interval is not None:
-            low, high = (1e3 * end for end in choice.delay_interval)
-            notes.append(
-                f"delay {1e3 * found.delay:.2f} ms, 95 % interval {low:.2f} to "
-                f"{high:.2f} ms, from the scatter between blocks of the motion and "
-                "from friction of other kinds; bodies that are not the robot's may "
-                "shift it by more"
-            )
-        elif found is not None:
-            notes.append(
-                f"delay {1e3 * found.delay:.2f} ms; its error is unknown: with "
-                "friction of another kind, or without a block of the motion, no delay "
-                "predicts best"
-            )
+        if choice.delay is not None:
+            notes.append(delay_sentence(choice.delay, choice.delay_interval))
         if s.equal_motors:
             groups = "; ".join(", ".join(group) for group in s.equal_motors)
             notes.append(f"equal motors of limbs that mirror each other: {groups}")
