@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import Table, brief
 from consistent_id.comparison.speed_trend import (
     TrendAt,
@@ -298,6 +299,7 @@ def rollout_of(
     RecordingError
         If a motion diverges, also with the stated settings and without refinement.
     """
+    require_type(study, Study, "study")
     gains_of(study.problem)  # before the work, as MuJoCo
     require_mujoco()
     choice, notes = None, []
