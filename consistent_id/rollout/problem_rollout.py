@@ -28,16 +28,12 @@ from consistent_id.problems.study import Study
 from consistent_id.recordings.signals import PDGains
 from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.segments import segment_regressions, segments_of
-from consistent_id.rollout.chosen_settings import (
-    RidgeChoice,
-    SettingsChoice,
-    chosen_ridge,
-    chosen_settings,
-)
+from consistent_id.rollout.chosen_settings import SettingsChoice, chosen_settings
 from consistent_id.rollout.compared_models import Rollout, rollout
 from consistent_id.rollout.delay_interval import delay_sentence
 from consistent_id.rollout.delay_search import FoundDelay
 from consistent_id.rollout.refine import Refined, refined
+from consistent_id.rollout.refinement_choice import RidgeChoice, chosen_ridge
 from consistent_id.rollout.settings import (
     gains_of,
     in_form_of,
@@ -177,7 +173,10 @@ class ProblemRollout:
             f"{1e3 * error:.2f} mrad (mm)" if np.isfinite(error) else "infinite"
             for error in (choice.errors[None], min(steps))
         )
-        what = "taken" if choice.ridge is not None else "not taken: it predicts worse"
+        lost = "one part" if min(steps) < choice.errors[None] else "the parts"
+        what = "taken"
+        if choice.ridge is None:
+            what = f"not taken: it predicts {lost} worse"
         title = (
             f"Refinement by rollout is {what}; error on the other part {plain} "
             f"without, {least} with one step"
