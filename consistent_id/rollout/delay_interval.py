@@ -77,28 +77,38 @@ def delay_interval(
     return max(min(low for low, _ in ends), 0.0), max(high for _, high in ends)
 
 
-def delay_sentence(found: FoundDelay, interval: tuple[float, float] | None) -> str:
-    """Return a delay and its interval, or why it has none, for people."""
-    delay = f"delay {1e3 * found.delay:.3g}"
+def delay_words(found: FoundDelay, interval: tuple[float, float] | None) -> str:
+    """Return a delay and its interval, or upper limit, in few words."""
     if found.at_bound and found.delay > 0.0:
-        return f"{delay} ms is the longest that is tried: check the clock of commands"
-    other = "with friction of another kind, or without a block of the motion"
-    if found.at_bound and interval is None:
-        return f"{delay} (at most: unknown; {other}, longer ones predict as well)"
-    evidence = "from the scatter between blocks of the motion and friction of other"
-    if found.at_bound and interval is not None:
-        most = f"at most {1e3 * interval[1]:.1f} ms"
-        note = f"{delay} ({most}; 95 %, {evidence} kinds)"
-        late = "; commands may be logged later than they act: check their clock"
-        return note + late * (interval[1] == 0.0)
+        return f"delay {1e3 * found.delay:.3g} ms, the longest that is tried"
+    if found.at_bound:
+        most = "unknown" if interval is None else f"{1e3 * interval[1]:.1f} ms"
+        return f"delay 0 (at most{':' * (interval is None)} {most})"
     delay = f"delay {1e3 * found.delay:.2f} ms"
     if interval is None:
-        return f"{delay}; its error is unknown: {other}, no delay predicts best"
+        return f"{delay} (error unknown)"
     low, high = (1e3 * end for end in interval)
-    return (
-        f"{delay}, 95 % interval {low:.2f} to {high:.2f} ms, {evidence} kinds; bodies "
-        "that are not the robot's may shift it by more"
+    return f"{delay} ({low:.1f} to {high:.1f} ms, 95 %)"
+
+
+def delay_sentence(found: FoundDelay, interval: tuple[float, float] | None) -> str:
+    """Return a delay and its interval with the evidence, or why it has none."""
+    words = delay_words(found, interval)
+    if found.at_bound and found.delay > 0.0:
+        return f"{words}: check the clock of commands"
+    if interval is None:
+        better = "longer ones predict as well" if found.at_bound else "none is best"
+        return (
+            f"{words}: with friction of another kind, or without a block of the "
+            f"motion, {better}"
+        )
+    evidence = (
+        f"{words}: from the scatter between blocks of the motion and friction of "
+        "other kinds; bodies that are not the robot's may shift it by more"
     )
+    if found.at_bound and interval[1] == 0.0:
+        evidence += "; commands may be logged later than they act: check their clock"
+    return evidence
 
 
 def other_frictions(

@@ -30,7 +30,7 @@ from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.segments import segment_regressions, segments_of
 from consistent_id.rollout.chosen_settings import SettingsChoice, chosen_settings
 from consistent_id.rollout.compared_models import Rollout, rollout
-from consistent_id.rollout.delay_interval import delay_sentence
+from consistent_id.rollout.delay_interval import delay_sentence, delay_words
 from consistent_id.rollout.delay_search import FoundDelay
 from consistent_id.rollout.refine import Refined, refined
 from consistent_id.rollout.refinement_choice import RidgeChoice, chosen_ridge
@@ -118,7 +118,10 @@ class ProblemRollout:
     def tables(self) -> list[Table]:
         """Return the results for people."""
         verdict = self.estimate.verdict
-        lines = (self.rollout.sentence, *verdict.lines)
+        choice, late = self.settings, list[str]()
+        if choice is not None and choice.delay is not None:
+            late.append(delay_words(choice.delay, choice.delay_interval))
+        lines = (self.rollout.sentence, *late, *verdict.lines)
         verdict_table = Table(verdict.sentence, (), (), lines)
         tables = [verdict_table, *self.rollout.tables()]
         tables += [Table(note, (), (), ()) for note in self.notes]

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from consistent_id import load_problem
-from consistent_id.rollout.delay_interval import delay_interval, delay_sentence
+from consistent_id.rollout.delay_interval import (
+    delay_interval,
+    delay_sentence,
+    delay_words,
+)
 from consistent_id.rollout.delay_search import MOST, FoundDelay
 
 PLACES = np.array([0.006, 0.0075, 0.009, 0.0087])  # s, of blocks of equal weight
@@ -75,16 +79,21 @@ def test_there_is_none_for_no_delay_if_other_friction_has_a_long_one():
 @pytest.mark.parametrize(
     ("found", "interval", "said"),
     [
-        (NONE, (0.0, 0.00694), "delay 0 (at most 6.9 ms; 95 %"),
-        (NONE, None, "delay 0 (at most: unknown"),
-        (NONE, (0.0, 0.0), "logged later than they act"),
-        (replace(FOUND, delay=0.02, at_bound=True), None, "longest that is tried"),
-        (FOUND, (0.0061, 0.0079), "delay 7.00 ms, 95 % interval 6.10 to 7.90 ms"),
-        (FOUND, None, "delay 7.00 ms; its error is unknown"),
+        (NONE, (0.0, 0.00694), "delay 0 (at most 6.9 ms)"),
+        (NONE, None, "delay 0 (at most: unknown)"),
+        (NONE, (0.0, 0.0), "delay 0 (at most 0.0 ms)"),
+        (replace(FOUND, delay=0.02, at_bound=True), None, "delay 20 ms, the longest"),
+        (FOUND, (0.0061, 0.0079), "delay 7.00 ms (6.1 to 7.9 ms, 95 %)"),
+        (FOUND, None, "delay 7.00 ms (error unknown)"),
     ],
 )
 def test_how_well_a_delay_is_known_is_said(found, interval, said):
-    assert said in delay_sentence(found, interval)
+    words = delay_words(found, interval)
+    assert words.startswith(said)
+    sentence = delay_sentence(found, interval)
+    assert sentence.startswith(f"{words}: ")
+    logged_late = interval == (0.0, 0.0)
+    assert ("logged later than they act" in sentence) == logged_late
 
 
 @pytest.mark.parametrize(
