@@ -35,8 +35,9 @@ from consistent_id.estimation.uncertainties.block_scatter import (
 from consistent_id.problems.loading import problem_of
 from consistent_id.regression.segments import merged, segments_of
 from consistent_id.rollout import rollout
-from consistent_id.rollout.chosen_settings import chosen_ridge, chosen_settings
+from consistent_id.rollout.chosen_settings import chosen_settings
 from consistent_id.rollout.refine import RIDGE, refined
+from consistent_id.rollout.refinement_choice import chosen_ridge
 from consistent_id.rollout.settings import (
     gains_of,
     rollout_error,

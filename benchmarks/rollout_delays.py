@@ -1,17 +1,20 @@
 """Whether true delays are inside the intervals of `rollout`, on simulated logs.
 
-``python benchmarks/rollout_delays.py [--seeds A-B] [--bodies model|identified]``: a
-seed is a robot of example-robot-data under PD drives, a kind of friction, a delay of
-commands, and a motion.  MuJoCo simulates it in steps of 0.5 ms; friction is dry, and
-its level depends on speed (Stribeck) or on the drive's torque (load) besides.  The log
-has the commands and the encoders' positions.  A problem is drafted of it, and settings
-are chosen as `rollout` does without options.  ``scatter`` is 1.96 standard errors by
-the scatter between blocks of the motion, ``interval`` is what `rollout` prints.
-Seconds are those of the processor.
+``python benchmarks/rollout_delays.py [--seeds A-B] [--bodies model|identified]
+[--delays MS,MS...]``: a seed is a robot of example-robot-data under PD drives, a kind
+of friction, a delay of commands, and a motion.  MuJoCo simulates it in steps of 0.5 ms;
+friction is dry, and its level depends on speed (Stribeck) or on the drive's torque
+(load) besides.  The log has the commands and the encoders' positions.  A problem is
+drafted of it, and settings are chosen as `rollout` does without options.  ``scatter``
+is the 95 % interval by the scatter between blocks of the motion, ``interval`` is what
+`rollout` prints.  Where the delay is found to be 0, it is from 0 to the upper limit;
+true delays of 1 and 2 ms (``--delays 0,1,2``) show whether the limit holds.  Seconds
+are those of the processor.
 """
 
 import argparse
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from time import process_time
 from typing import NamedTuple
@@ -65,13 +68,13 @@ class Case(NamedTuple):
     rng: np.random.Generator
 
 
-def case_of(seed: int) -> Case:
+def case_of(seed: int, delays: Sequence[float]) -> Case:
     """Return a seed's case; those of consecutive seeds differ."""
     names = list(ROBOTS)
     return Case(
         names[seed % len(names)],
         FRICTIONS[seed // 2 % len(FRICTIONS)],
-        DELAYS[seed % len(DELAYS)],
+        delays[seed % len(delays)],
         np.random.default_rng(seed),
     )
 
@@ -161,48 +164,78 @@ def problem_of_log(case: Case, folder: Path, bodies: str) -> ci.Problem:
     return draft.problem(folder)
 
 
+class Judged(NamedTuple):
+    """An interval of a case.
+
+    Parameters
+    ----------
+    interval : tuple of float, or None, [s]
+        None where it is not known.
+    """
+
+    name: str
+    true: float  # s
+    found: float  # s
+    interval: tuple[float, float] | None
+
+    @property
+    def holds(self) -> bool:
+        """Whether the true delay is inside."""
+        return self.interval is not None and (
+            self.interval[0] <= self.true <= self.interval[1]
+        )
+
+    def __str__(self) -> str:
+        if self.interval is None:
+            return f"{self.name} not known"
+        low, high = self.interval
+        missed = "" if self.holds else " missed"
+        return f"{self.name} {1e3 * low:.2f} to {1e3 * high:.2f}{missed}"
+
+
+def summary(what: str, judged: Sequence[Judged]) -> str:
+    """Return how many of some intervals contain the true delay, and their width."""
+    known = [one for one in judged if one.interval is not None]
+    if not known:
+        return f"{what}: none of {len(judged)} is known"
+    width = np.median([high - low for low, high in (one.interval for one in known)])
+    return (
+        f"{what}: {sum(one.holds for one in known)} of {len(known)} true delays are "
+        f"inside, median width {1e3 * width:.2f} ms, unknown in "
+        f"{len(judged) - len(known)} cases"
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", default="0-11")
     parser.add_argument("--bodies", default="model", choices=["model", "identified"])
+    parser.add_argument("--delays", default=",".join(f"{1e3 * d:g}" for d in DELAYS))
     options = parser.parse_args()
     first, last = (int(seed) for seed in options.seeds.split("-"))
-    inside: dict[str, list[bool]] = {"scatter": [], "interval": []}
-    widths: dict[str, list[float]] = {"scatter": [], "interval": []}
+    delays = [1e-3 * float(delay) for delay in options.delays.split(",")]
+    judged: list[Judged] = []
     for seed in range(first, last + 1):
-        case = case_of(seed)
+        case = case_of(seed, delays)
         with tempfile.TemporaryDirectory() as folder:
             problem = problem_of_log(case, Path(folder), options.bodies)
             started = process_time()
             choice = chosen_settings(problem)
         found = choice.delay
-        ends = {"interval": choice.delay_interval, "scatter": None}
-        if np.isfinite(found.error):
-            half = 1.96 * found.error
-            ends["scatter"] = found.delay - half, found.delay + half
-        shown = []
-        for name, given in ends.items():
-            if given is None:
-                shown.append(f"{name} not known")
-                continue
-            low, high = given
-            inside[name].append(low <= case.delay <= high)
-            widths[name].append(high - low)
-            missed = "" if inside[name][-1] else " missed"
-            shown.append(f"{name} {1e3 * low:.2f} to {1e3 * high:.2f}{missed}")
+        ends = {"interval": choice.delay_interval, "scatter": found.interval}
+        shown = [Judged(n, case.delay, found.delay, e) for n, e in ends.items()]
+        judged += shown
         print(
             f"{seed:4} {case.robot:8} {case.friction:9} {1e3 * case.delay:4.1f} ms: "
-            f"{1e3 * found.delay:5.2f}; {'; '.join(shown)}; "
+            f"{1e3 * found.delay:5.2f}; {'; '.join(map(str, shown))}; "
             f"{process_time() - started:.1f} s",
             flush=True,
         )
-    for name, known in inside.items():
-        if known:
-            print(
-                f"{name}: {sum(known)} of {len(known)} true delays are inside, median "
-                f"width {1e3 * np.median(widths[name]):.2f} ms, unknown in "
-                f"{last + 1 - first - len(known)} cases"
-            )
+    for name in ("scatter", "interval"):
+        own = [one for one in judged if one.name == name]
+        print(summary(name, own))
+        print(summary(f"{name}, true delay 0", [j for j in own if j.true == 0.0]))
+        print(summary(f"{name}, delay found 0", [j for j in own if j.found == 0.0]))
 
 
 if __name__ == "__main__":

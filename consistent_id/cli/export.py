@@ -121,7 +121,7 @@ def _export(options: argparse.Namespace) -> Answer:
     verdict = chosen.verdict
     record = {
         **{"format": options.format, **chosen.answer, "notes": [], "written": None},
-        **{"torque_error": None, "readme": None},
+        **{"torque_error": None, "readme": None, "files": []},
     }
     if not verdict.usable:
         return _refused(verdict, record)
@@ -144,6 +144,7 @@ def _export(options: argparse.Namespace) -> Answer:
         errors += _read_back(chosen, options.format, written, delay)
         said = (*errors, *export.notes)
         record["readme"] = _readme(chosen, options.format, written, said, delay)
+        record["files"] = [*map(str, export.paths(written)), record["readme"]]
     beside = [*errors, *chosen.stated, *export.notes, *more]
     record |= {"format": export.format, "notes": beside}
     record |= {"written": written and str(written), "torque_error": cost}
@@ -153,8 +154,11 @@ def _export(options: argparse.Namespace) -> Answer:
     lines = (verdict.sentence, *(f"  {note}" for note in said))
     last = _NOTHING
     if written is not None:
-        side = () if export.side is None else (written.with_suffix(export.side.suffix),)
-        last = f"written: {', '.join(map(str, (written, *side, record['readme'])))}"
+        copies = {str(written.parent / name) for _, name in export.files}
+        named = [name for name in record["files"] if name not in copies]
+        last = f"written: {', '.join(named)}"
+        if copies:
+            last += f"; copied beside it: {len(copies)} of meshes and textures"
     return Answer(0, "\n".join([*lines, last]), record)
 
 

@@ -1,17 +1,19 @@
 """The protocol of constraints, and their rows."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.given_values import require_types
 from consistent_id.constraints.cones.sets import ConicSet, intersection
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import ParameterLayout, require_known
 
 
+@runtime_checkable
 class Constraint(Protocol):
     """A restriction of parameters to a convex set."""
 
@@ -28,6 +30,7 @@ def lowered(constraints: Sequence[Constraint], model: TorqueModel) -> ConicSet:
     constraints : sequence of Constraint
     model : TorqueModel
     """
+    require_types(constraints, Constraint, "constraints")
     sets = (constraint.lower(model) for constraint in constraints)
     return intersection(sets, len(model.layout))
 

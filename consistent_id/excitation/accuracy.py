@@ -15,6 +15,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, checked
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.excitation.aims import Aim, places_of_interest
@@ -28,6 +29,7 @@ from consistent_id.regression.base import (
     require_same_model,
 )
 from consistent_id.regression.regression import triangle
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import WHITE
 from consistent_id.regression.row_structure import RowModel
 from consistent_id.regression.rows.sensor_rows import SensorRows
@@ -222,6 +224,10 @@ def predicted_accuracy(
         If the path moves other joints than the robot has, or in another order, or
         earlier recordings are of another torque model.
     """
+    require_type(base, BaseParameters, "base")
+    require_type(path, JointPath, "path")
+    if not isinstance(model, SensorRows):
+        require_type(model, TorqueModel, "model")
     aim = aim or Aim()
     columns, noise = list(base.independent), aim.noise_of(model.torque_joints)
     earlier = earlier_rows(model, base, aim)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import Executor, single_threaded
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.accuracy import predicted_accuracy
@@ -91,6 +92,7 @@ def validation_trajectory(
     InfeasibleError
         If none of them is proven to keep the limits, even at a fifth of them.
     """
+    require_type(design, ExcitationDesign, "design")
     for found in _validation_paths(design, seed, candidates):
         return found
     raise _none_proven()

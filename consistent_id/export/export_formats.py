@@ -168,6 +168,13 @@ class Export:
     def __str__(self) -> str:
         return self.content.decode("utf-8", "replace")
 
+    def paths(self, path: str | Path) -> tuple[Path, ...]:
+        """Return the files that `save` writes: this one, then those beside it."""
+        beside = [Path(path).parent / name for _, name in self.files]
+        if self.side is not None:
+            beside.insert(0, Path(path).with_suffix(self.side.suffix))
+        return Path(path), *dict.fromkeys(beside)
+
     def save(self, path: str | Path) -> Path:
         """Write the content and the files beside it, each completely or not at all.
 

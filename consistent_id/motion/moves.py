@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, checked
+from consistent_id._support.given_values import require_type
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
 from consistent_id.motion.bernstein import PolynomialPath
@@ -91,6 +92,8 @@ def move_along(
     >>> move.evaluate([0.0, move.duration])[:2, :, 0].round(9).tolist()
     [[0.5, 0.5], [0.0, 0.0]]
     """
+    require_type(trajectory, FourierTrajectory, "trajectory")
+    require_type(limits, MotionLimits, "limits")
     limits = limits_of(limits, trajectory.joints)
     if periods is not None:
         trajectory = _repeated(trajectory, periods)

@@ -20,6 +20,7 @@ from consistent_id._support.arrays import (
     freeze_arrays,
     frozen,
 )
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
@@ -128,6 +129,9 @@ def transfer(
     >>> round(transfer(here, there, limits).duration, 2)
     1.0
     """
+    require_type(begin, MotionState, "begin")
+    require_type(end, MotionState, "end")
+    require_type(limits, MotionLimits, "limits")
 
     def family(duration: Vector) -> Array:
         return bernstein.hermite(begin.values[:matched], end.values[:matched], duration)

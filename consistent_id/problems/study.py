@@ -24,6 +24,7 @@ from consistent_id.estimation.estimate_plot import draw_parameters, parameter_ba
 from consistent_id.estimation.influence import confirmed_slopes
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method
+from consistent_id.estimation.slope_reasons import doubtful_joints
 from consistent_id.estimation.torque_error import Slopes
 from consistent_id.estimation.verdict import Verdict, confirmed
 from consistent_id.problems.log_check import check_problem
@@ -95,7 +96,7 @@ class Study(StudyFits):
         return weighed_findings(
             self.problem,
             self.diagnosis.findings,
-            self._candidate,
+            lambda: self._candidate,
             self.training,
             self.validation,
         )
@@ -197,6 +198,7 @@ class Study(StudyFits):
         unjudged = bool(self.validation) and not unseen
         if unjudged:
             own = replace(own, fit=self._fit(estimate))
+        doubtful = own.fit is None or bool(doubtful_joints(own.fit))
         found = (
             compare(
                 [own],
@@ -204,7 +206,7 @@ class Study(StudyFits):
                 training=self.training,
                 findings=self._findings_for(estimate),
                 regression=self.regression,
-                crossed=self.crossed,
+                crossed=self.crossed if doubtful else None,
                 drawn=self.drawn,
             )
             .reports[0]

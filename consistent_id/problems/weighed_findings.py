@@ -42,6 +42,8 @@ _ROLES = ("training", "validation")
 _OF_JOINTS = ("noise", "torque resolution")
 # Findings in validation data that concern a joint's torque, or samples.
 _OF_A_PART = (*_OF_JOINTS, "outliers", "encoder resolution", "speed limit")
+# Findings in training data that concern samples of all joints.
+_OF_SAMPLES = ("encoder resolution", "standstill")
 # In a part that is too short, the absence of a change proves nothing.
 _OF_EXTENT = ("short", "small motion", "slow motion")
 # Most of held-out samples at rest: errors in motion are at most 1.4 times larger.
@@ -73,7 +75,7 @@ class _DataPart:
 def weighed_findings(
     problem: Problem,
     findings: Sequence[LogFinding],
-    estimate: Estimate,
+    candidate: Callable[[], Estimate],
     training: Sequence[Recording],
     validation: Sequence[Recording],
 ) -> tuple[LogFinding, ...]:
@@ -84,12 +86,13 @@ def weighed_findings(
     problem : Problem
     findings : sequence of LogFinding
         Findings of the diagnosis.
-    estimate : Estimate
-        The constrained estimate from the training recordings.
+    candidate : callable
+        Returns the constrained estimate from the training recordings; it is called if
+        a finding can be weighed.
     training, validation : sequence of Recording
         Prepared recordings.
     """
-    if drift_of(problem.table) != "none" or estimate.fitted_under is None:
+    if drift_of(problem.table) != "none":
         return tuple(findings)
     warnings = [
         f for f in findings if f.severity == "warning" and f.kind not in _OF_EXTENT
@@ -98,12 +101,20 @@ def weighed_findings(
     notes: dict[int, LogFinding] = {}
     parts: dict[int, _DataPart] = {}
     for finding in warnings:
-        if finding.kind == "standstill" and finding.recording in held_out:
+        unseen, part = finding.recording in held_out, None
+        if unseen and finding.kind not in (*_OF_A_PART, "standstill"):
+            continue
+        if not unseen and finding.kind not in _OF_SAMPLES:
+            part = _part(problem, finding, training)
+            if part is None:
+                continue
+        estimate = candidate()
+        if estimate.fitted_under is None:
+            return tuple(findings)
+        if unseen and finding.kind == "standstill":
             notes |= _rests_held_out(problem, finding)
             continue
-        if finding.recording in held_out:
-            if finding.kind not in _OF_A_PART:
-                continue
+        if unseen:
             change = _of_more(problem, finding, estimate, training, validation)
             words = "with this recording"
         elif finding.kind == "encoder resolution":
@@ -112,17 +123,15 @@ def weighed_findings(
         elif finding.kind == "standstill":
             change = _of_rests(problem, finding, estimate, training)
             words = "without these samples"
-        elif part := _part(problem, finding, training):
+        elif part is not None:
             change = _of_part(estimate, training, [part])
             words = part.words
             parts[id(finding)] = part
-        else:
-            continue
         if change is not None and change.small:
             notes[id(finding)] = _noted(finding, words, change)
     together = [part for key, part in parts.items() if key in notes]
     if len(together) > 1:
-        change = _of_part(estimate, training, together)
+        change = _of_part(candidate(), training, together)
         if change is None or not change.small:
             notes = {key: note for key, note in notes.items() if key not in parts}
     return tuple(notes.get(id(f), f) for f in findings)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
 from math import gcd, lcm
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +36,7 @@ _COMMON = 1e-9  # relative difference below which frequencies share a base
 _FINEST = 10_000  # largest denominator of a frequency in terms of the lowest
 
 
+@runtime_checkable
 class JointPath(Protocol):
     """Positions of joints as a smooth function of time, from `start` on.
 

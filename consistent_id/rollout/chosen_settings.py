@@ -1,13 +1,11 @@
 """Settings of a torque fit, chosen by rollouts of motion that it has not seen.
 
 One setting is changed at a time, from a plain start; see `squares_of_parts`.  A
-candidate that cannot be built is skipped, with its reason.  Whether to refine by
-rollout, and how far, is tried on the same parts.
+candidate that cannot be built is skipped, with its reason.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,29 +22,15 @@ from consistent_id.rollout.delay_search import (
     FoundDelay,
     found_delay,
 )
-from consistent_id.rollout.refine import (
-    RefinementStart,
-    full_step,
-    refined_once,
-    refinement_start,
-)
-from consistent_id.rollout.replay_model import SEARCH_STEP
-from consistent_id.rollout.rollout_slopes import Replays
 from consistent_id.rollout.settings import (
     BLOCKS_OF_PART,
     Settings,
-    Spans,
-    block_squares,
-    compared_fit,
     difference_error,
     gains_of,
-    rollout_error,
     slow_and_fast,
     squares_of_parts,
     table_in_form_of,
-    torque_fit,
     with_settings,
-    within,
 )
 
 CUTOFFS = (5.0, 7.5, 10.0, 15.0, 20.0, 30.0)  # Hz, of motion and torque
@@ -58,9 +42,6 @@ threshold as for other terms of a model, so that they are not selected by chance
 
 _PASSES = 2  # over cut-off and velocity scale
 _BEYOND = 1.5  # times a stated delay is tried at the most, if that is more than `MOST`
-
-RIDGES = (0.1, 0.3, 1.0)
-"""Weights of the torque fit that are tried, from large steps to small ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +146,7 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     best = _with_terms(best, problem, error)
     for _ in range(_PASSES):
         before = best
-        best = _climbed(best, "cutoff", _cutoffs(problem), error)
+        best = _climbed(best, "cutoff", cutoffs(problem), error)
         best = _climbed(best, "velocity_scale", SCALES, error)
         if best == before:
             break
@@ -363,142 +344,7 @@ def with_springs(
     return sprung if error(sprung) < (1.0 - WORTH) * error(best) else best
 
 
-def _cutoffs(problem: Problem) -> list[float]:
+def cutoffs(problem: Problem) -> list[float]:
+    """Return the cut-offs that a problem's training logs are fast enough for, [Hz]."""
     rates = [log.rate for log in problem.logs("training")]
     return [cutoff for cutoff in CUTOFFS if cutoff < 0.4 * min(rates)]
-
-
-@dataclass(frozen=True, slots=True)
-class RidgeChoice:
-    """The extent of a refinement.
-
-    Parameters
-    ----------
-    ridge : float, optional
-        Weight of the torque fit; None: not to refine at all.
-    errors : dict of (float or None) to float, [rad or m]
-        Errors of rollouts of the part that was not used for training, both ways;
-        infinite where they diverge, or a part cannot be refined.
-    reason : str, optional
-        Why a refinement was not possible.
-    cutoffs : dict of float to float, [Hz], [rad or m]
-        Errors of estimates that are refined from torque fits with other cut-offs, if
-        these were tried; the first is the cut-off that the settings had.
-    cutoff : float, optional, [Hz]
-        The one of them to refine from.
-    """
-
-    ridge: float | None
-    errors: dict[float | None, float]
-    reason: str | None = None
-    cutoffs: dict[float, float] = field(default_factory=dict)
-    cutoff: float | None = None
-
-
-def chosen_ridge(problem: Problem, settings: Settings | None = None) -> RidgeChoice:
-    """Choose how far to refine a problem's estimate, on its training data alone.
-
-    A part that cannot be refined, such as one whose fit diverges, has an infinite
-    error: then there is no refinement, for a reason that is returned.
-
-    Parameters
-    ----------
-    problem : Problem
-        With gains.
-    settings : Settings, optional
-        Those of the problem, if their cut-off may be lowered; see `_lowered`.
-
-    Raises
-    ------
-    ProblemError
-        If the problem has no gains.
-    """
-    gains_of(problem)
-    squares: dict[float | None, list[float]] = {r: [] for r in (None, *RIDGES)}
-    reason, starts = None, list[_PartStart]()
-    try:
-        slow, fast = slow_and_fast(problem)
-        for learnt, other in ((slow, fast), (fast, slow)):
-            for ridge, error in _errors(problem, learnt, other, starts):
-                squares[ridge].append(error**2)
-    except ConsistentIdError as why:
-        reason = str(why)
-    errors = {
-        ridge: float(np.sqrt(np.mean(s))) if len(s) == 2 else np.inf
-        for ridge, s in squares.items()
-    }
-    best = min(errors, key=lambda ridge: errors[ridge])
-    choice = RidgeChoice(None if reason else best, errors, reason)
-    if settings is None or choice.ridge is None:
-        return choice
-    return _lowered(problem, settings, choice, choice.ridge, starts)
-
-
-class _PartStart(NamedTuple):
-    """The start of a refinement on one part; the other part judges it."""
-
-    learnt: Spans
-    other: Spans
-    start: RefinementStart
-
-
-def _lowered(
-    problem: Problem,
-    settings: Settings,
-    choice: RidgeChoice,
-    ridge: float,
-    starts: Sequence[_PartStart],
-) -> RidgeChoice:
-    """Return the choice with the lowest cut-off that predicts as well, refined.
-
-    Cut-offs are chosen by rollouts of torque fits, but it is the refined estimate that
-    is wanted, and noise of the motion biases the torque fit that it keeps to.  Lower
-    ones are tried in turn, until the error of refined estimates on the other part is
-    larger by more than the standard error of the difference over blocks.
-    """
-
-    def squares(cutoff: float) -> Vector:
-        made = with_settings(problem, replace(settings, cutoff=cutoff))
-        logs, found = made.logs("training"), []
-        for learnt, other, start in starts:
-            fit = compared_fit(made, within(made.training, learnt))
-            x = full_step(start, *fit, ridge=ridge)
-            moved = replace(fit[0], parameters=x)
-            found.append(block_squares(made, moved, within(logs, other)))
-        return np.concatenate(found)
-
-    lower = sorted(c for c in _cutoffs(problem) if c < settings.cutoff)
-    errors, best, first = dict[float, float](), settings.cutoff, None
-    for cutoff in (settings.cutoff, *reversed(lower)):
-        try:
-            now = squares(cutoff)
-        except ConsistentIdError:  # no fit, or a motion that diverges
-            break
-        errors[cutoff] = float(np.sqrt(now.sum()))
-        first = now if first is None else first
-        if (now - first).sum() > difference_error(now - first):
-            break
-        best = cutoff
-    return replace(choice, cutoffs=errors, cutoff=best)
-
-
-def _errors(
-    problem: Problem, learnt: Spans, other: Spans, starts: list[_PartStart]
-) -> Iterator[tuple[float | None, float]]:
-    """Yield the errors of rollouts of one part, by fits to the other part.
-
-    One step shows whether a refinement predicts; all weights share its derivatives,
-    which are added to `starts`.
-    """
-    logs = problem.logs("training")
-    estimate, regression = torque_fit(problem, within(problem.training, learnt))
-    others = within(logs, other)
-    yield None, rollout_error(problem, estimate, others, SEARCH_STEP)
-    replays = Replays.of(estimate, within(logs, learnt), gains_of(problem))
-    start = refinement_start(
-        replays, regression, problem.constraints, problem.delay_of_commands
-    )
-    starts.append(_PartStart(learnt, other, start))
-    for ridge in RIDGES:
-        moved = replace(estimate, parameters=refined_once(start, ridge))
-        yield ridge, rollout_error(problem, moved, others, SEARCH_STEP)

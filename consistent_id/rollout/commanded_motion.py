@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.export.mjcf_bodies import require_mujoco
@@ -105,6 +106,8 @@ def replay(
     RecordingError
         If the motion diverges.
     """
+    require_type(model, ReplayModel, "model")
+    require_type(log, Recording, "log")
     from mujoco import rollout
 
     mujoco = require_mujoco()

@@ -13,6 +13,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import worker_threads
+from consistent_id._support.given_values import require_type, require_types
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import RecordingError
 from consistent_id.estimation.estimate import Estimate
@@ -195,8 +196,12 @@ def rollout(
     RecordingError
         If a log has no commands, or a motion diverges.
     """
+    require_type(estimate, Estimate, "estimate")
+    require_type(gains, PDGains, "gains")
+    require_types(training, Recording, "training")
     joints = estimate.model.robot.joint_names
-    given = [logs] if isinstance(logs, Recording) else list(logs)
+    given = [logs] if isinstance(logs, Recording) else logs
+    require_types(given, Recording, "logs")
     if not given:
         raise RecordingError("there is no log to replay")
     known = [replayable(log.of(joints)) for log in given]

@@ -6,7 +6,7 @@ friction of other kinds: with a sharper change of sign, with Stribeck friction t
 fades at a low and at a higher speed, and with friction that depends on the load.
 MuJoCo has none of the last two; in the replays they are a torque over time, computed
 from the measured motion, which is near the replayed one.  The interval contains the
-intervals of all kinds.
+intervals of all kinds.  That of a delay of 0 is from 0 to its upper limit.
 """
 
 from collections.abc import Callable, Sequence
@@ -63,28 +63,52 @@ def delay_interval(
         None where the delay or one of the others is not known: the squared error has
         no least value between delays that can be tried.
     """
-    if found.at_bound or not np.isfinite(found.error):
+    own = found.interval
+    if own is None:
         return None
     around = [found.delay - _APART, found.delay, found.delay + _APART]
-    ends = [_ends(found)]
+    ends = [own]
     for squares in others:
         other = found_delay(squares, around, most)
-        shift = other.delay - found.delay
-        if other.at_bound and shift <= 0.0:
-            ends.append((0.0, 0.0))
-        elif np.isfinite(other.error) and abs(shift) < _FURTHEST:
-            ends.append(_ends(other))
-        else:
+        near = other.at_bound or abs(other.delay - found.delay) < _FURTHEST
+        if other.interval is None or not near:
             return None
+        ends.append(other.interval)
     return max(min(low for low, _ in ends), 0.0), max(high for _, high in ends)
 
 
-def _ends(found: FoundDelay) -> tuple[float, float]:
-    """Return the 95 % interval by the scatter between blocks."""
-    from scipy.special import stdtrit
+def delay_words(found: FoundDelay, interval: tuple[float, float] | None) -> str:
+    """Return a delay and its interval, or upper limit, in few words."""
+    if found.at_bound and found.delay > 0.0:
+        return f"delay {1e3 * found.delay:.3g} ms, the longest that is tried"
+    if found.at_bound:
+        most = "unknown" if interval is None else f"{1e3 * interval[1]:.1f} ms"
+        return f"delay 0 (at most{':' * (interval is None)} {most})"
+    delay = f"delay {1e3 * found.delay:.2f} ms"
+    if interval is None:
+        return f"{delay} (error unknown)"
+    low, high = (1e3 * end for end in interval)
+    return f"{delay} ({low:.1f} to {high:.1f} ms, 95 %)"
 
-    half = float(stdtrit(found.blocks - 1, 0.975)) * found.error
-    return found.delay - half, found.delay + half
+
+def delay_sentence(found: FoundDelay, interval: tuple[float, float] | None) -> str:
+    """Return a delay and its interval with the evidence, or why it has none."""
+    words = delay_words(found, interval)
+    if found.at_bound and found.delay > 0.0:
+        return f"{words}: check the clock of commands"
+    if interval is None:
+        better = "longer ones predict as well" if found.at_bound else "none is best"
+        return (
+            f"{words}: with friction of another kind, or without a block of the "
+            f"motion, {better}"
+        )
+    evidence = (
+        f"{words}: from the scatter between blocks of the motion and friction of "
+        "other kinds; bodies that are not the robot's may shift it by more"
+    )
+    if found.at_bound and interval[1] == 0.0:
+        evidence += "; commands may be logged later than they act: check their clock"
+    return evidence
 
 
 def other_frictions(

@@ -3,6 +3,10 @@
 Near its least value the squared error is a parabola of the delay, so few delays are
 tried.  The error is that of the delay's scatter between blocks of the motion: each has
 a parabola of its own, and the blocks are left out one at a time (jackknife).
+
+A delay that is found to be 0 has no such error: the parabola may be lowest below 0,
+where no delay can be tried.  Its upper limit is the delay from which on the error rises
+by more than the scatter of its slope between blocks.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,6 +23,8 @@ FIRST = (0.0, 0.005, 0.01, 0.02)  # s, tried first where nothing is known
 NEAR = 0.0025  # s, a neighbour of the best delay is at least as near as this
 _SAME = 0.0002  # s, between delays that are not distinguished
 _PARABOLAS = 3
+_QUANTILE = 0.975  # of Student's t, for 95 %
+_FINE = 1e-5  # s, of an upper limit
 _FLAT = 1e-12  # relative change of an error over 1 ms that is rounding
 
 
@@ -37,12 +43,26 @@ class FoundDelay:
         delays below 0: then there is none, or commands are logged later than they act.
     blocks : int
         Number of blocks of the motion.
+    limit : float, optional, [s]
+        Upper limit (95 %) of a delay at the bound 0, from the scatter between blocks;
+        None where it is not known, and for other delays.
     """
 
     delay: float
     error: float
     at_bound: bool
     blocks: int
+    limit: float | None = None
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Its 95 % interval by the scatter between blocks [s]; None if not known."""
+        if self.at_bound:
+            return None if self.limit is None else (0.0, self.limit)
+        if not np.isfinite(self.error):
+            return None
+        half = _student(self.blocks) * self.error
+        return self.delay - half, self.delay + half
 
 
 def found_delay(
@@ -94,8 +114,54 @@ def found_delay(
     vertex = _vertex(points)
     early = round(vertex, 6) < 0.0 or (vertex == best == 0.0 and len(points) > 2)
     at_bound = early or best >= most - _SAME
-    blocks = len(tried[best])
-    return FoundDelay(_lowest(points), np.inf if at_bound else error, at_bound, blocks)
+    limit = _limit(tried, total, most) if early else None
+    error, blocks = np.inf if at_bound else error, len(tried[best])
+    return FoundDelay(_lowest(points), error, at_bound, blocks, limit)
+
+
+def _limit(
+    tried: dict[float, Vector], total: Callable[[float], float], most: float
+) -> float | None:
+    """Return the delay from which on the error rises with certainty (95 %), [s].
+
+    Longer delays are tried until it does; None if it does nowhere.
+    """
+    if len(next(iter(tried.values()))) < 2:
+        return None
+    for longer in (*(NEAR * times for times in (1, 2, 4)), most):
+        total(round(longer, 6))
+        known = sorted(d for d, s in tried.items() if np.isfinite(s).all())
+        if len(known) > 2 and (limit := _rising(known, tried)) is not None:
+            return limit
+    return None
+
+
+def _rising(delays: list[float], tried: dict[float, Vector]) -> float | None:
+    """Return the delay from which on the slope of the error is positive (95 %).
+
+    Slopes between delays that were tried are those of each block in their middle; they
+    are linear in between, and down to 0.
+    """
+    steps = np.diff(delays)[:, None]
+    slopes = np.diff([tried[d] for d in delays], axis=0) / steps  # (middles, blocks)
+    middles = (np.array(delays)[1:] + np.array(delays)[:-1]) / 2.0
+    first = slopes[0] - middles[0] * (slopes[1] - slopes[0]) / (middles[1] - middles[0])
+    middles, slopes = np.append(0.0, middles), np.vstack([first, slopes])
+    places = np.linspace(0.0, middles[-1], round(middles[-1] / _FINE) + 1)
+    there = np.column_stack([np.interp(places, middles, one) for one in slopes.T])
+    error = there.std(axis=1, ddof=1) / np.sqrt(there.shape[1])
+    rises = there.mean(axis=1) > _student(there.shape[1]) * error
+    flat = np.flatnonzero(~rises)
+    if not len(flat):
+        return 0.0
+    return None if not rises[-1] else float(places[flat[-1] + 1])
+
+
+def _student(blocks: int) -> float:
+    """Return the quantile of Student's t of a 95 % interval."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(blocks - 1, _QUANTILE))
 
 
 def _around(tried: dict[float, Vector], best: float) -> list[float]:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import Table, brief
 from consistent_id.comparison.speed_trend import (
     TrendAt,
@@ -27,15 +28,12 @@ from consistent_id.problems.study import Study
 from consistent_id.recordings.signals import PDGains
 from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.segments import segment_regressions, segments_of
-from consistent_id.rollout.chosen_settings import (
-    RidgeChoice,
-    SettingsChoice,
-    chosen_ridge,
-    chosen_settings,
-)
+from consistent_id.rollout.chosen_settings import SettingsChoice, chosen_settings
 from consistent_id.rollout.compared_models import Rollout, rollout
+from consistent_id.rollout.delay_interval import delay_sentence, delay_words
 from consistent_id.rollout.delay_search import FoundDelay
 from consistent_id.rollout.refine import Refined, refined
+from consistent_id.rollout.refinement_choice import RidgeChoice, chosen_ridge
 from consistent_id.rollout.settings import (
     gains_of,
     in_form_of,
@@ -120,7 +118,10 @@ class ProblemRollout:
     def tables(self) -> list[Table]:
         """Return the results for people."""
         verdict = self.estimate.verdict
-        lines = (self.rollout.sentence, *verdict.lines)
+        choice, late = self.settings, list[str]()
+        if choice is not None and choice.delay is not None:
+            late.append(delay_words(choice.delay, choice.delay_interval))
+        lines = (self.rollout.sentence, *late, *verdict.lines)
         verdict_table = Table(verdict.sentence, (), (), lines)
         tables = [verdict_table, *self.rollout.tables()]
         tables += [Table(note, (), (), ()) for note in self.notes]
@@ -150,30 +151,8 @@ class ProblemRollout:
             f"error on the other part {1e3 * choice.error:.2f} mrad (mm), the least of "
             f"{len(choice.tried)}"
         ]
-        found = choice.delay
-        if found is not None and found.at_bound:
-            notes.append(
-                f"the delay is the longest that is tried, {1e3 * found.delay:g} ms: "
-                "check the clock of commands"
-                if found.delay > 0.0
-                else "the delay is the shortest that is tried, 0 ms, and its error is "
-                "unknown: either there is none, or commands are logged later than they "
-                "act (check their clock)"
-            )
-        elif found is not None and choice.delay_interval is not None:
-            low, high = (1e3 * end for end in choice.delay_interval)
-            notes.append(
-                f"delay {1e3 * found.delay:.2f} ms, 95 % interval {low:.2f} to "
-                f"{high:.2f} ms, from the scatter between blocks of the motion and "
-                "from friction of other kinds; bodies that are not the robot's may "
-                "shift it by more"
-            )
-        elif found is not None:
-            notes.append(
-                f"delay {1e3 * found.delay:.2f} ms; its error is unknown: with "
-                "friction of another kind, or without a block of the motion, no delay "
-                "predicts best"
-            )
+        if choice.delay is not None:
+            notes.append(delay_sentence(choice.delay, choice.delay_interval))
         if s.equal_motors:
             groups = "; ".join(", ".join(group) for group in s.equal_motors)
             notes.append(f"equal motors of limbs that mirror each other: {groups}")
@@ -197,7 +176,10 @@ class ProblemRollout:
             f"{1e3 * error:.2f} mrad (mm)" if np.isfinite(error) else "infinite"
             for error in (choice.errors[None], min(steps))
         )
-        what = "taken" if choice.ridge is not None else "not taken: it predicts worse"
+        lost = "one part" if min(steps) < choice.errors[None] else "the parts"
+        what = "taken"
+        if choice.ridge is None:
+            what = f"not taken: it predicts {lost} worse"
         title = (
             f"Refinement by rollout is {what}; error on the other part {plain} "
             f"without, {least} with one step"
@@ -319,6 +301,7 @@ def rollout_of(
     RecordingError
         If a motion diverges, also with the stated settings and without refinement.
     """
+    require_type(study, Study, "study")
     gains_of(study.problem)  # before the work, as MuJoCo
     require_mujoco()
     choice, notes = None, []

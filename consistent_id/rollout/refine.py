@@ -17,6 +17,7 @@ import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.given_values import require_type, require_types
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.certificate import Certificate
@@ -101,6 +102,11 @@ def refined(
         If a log has no commands, or a motion of the torque fit diverges.  Steps to
         motions that diverge are shortened.
     """
+    require_type(estimate, Estimate, "estimate")
+    require_type(regression, Regression, "regression")
+    require_types(logs, Recording, "logs")
+    require_type(gains, PDGains, "gains")
+    require_types(constraints, Constraint, "constraints")
     started = perf_counter()
     replays = Replays.of(estimate, logs, gains)
     begin = refinement_start(replays, regression, constraints, delay)

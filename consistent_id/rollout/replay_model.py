@@ -25,6 +25,7 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
@@ -142,6 +143,7 @@ def replay_model(
     ModelError
         If MuJoCo is not installed or refuses the robot, or a joint is not in it.
     """
+    require_type(gains, PDGains, "gains")
     name = robot.method if isinstance(robot, Estimate) else Path(robot).name
     step = time_step(period, step)
     spec = replay_spec(robot, joints, gains, locked=locked, step=step)

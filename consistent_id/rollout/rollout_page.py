@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.given_values import require_type
 from consistent_id.errors import ModelError, RecordingError
 from consistent_id.export.mjcf_bodies import require_mujoco
 from consistent_id.problems.study import Study
@@ -85,6 +86,7 @@ def rollout_html(rollout: Rollout, title: str) -> str:
     rollout : Rollout
     title : str
     """
+    require_type(rollout, Rollout, "rollout")
     sections = [
         Section("errors", "Errors", _errors(rollout)),
         *(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.given_values import require_type
 from consistent_id.errors import ModelError
 from consistent_id.export.mjcf_bodies import require_mujoco, spec_tree
 from consistent_id.robot.loaders import mjcf_spec
@@ -177,6 +178,7 @@ def servo_mjcf(
     log: ServoLog | None = None,
 ) -> str:
     """Return the MJCF text of `servo_spec`."""
+    require_type(fit, ServoFit, "fit")
     spec = servo_spec(robot, fit, gains, held, log=log)
     compiled(spec)
     return str(spec.to_xml())

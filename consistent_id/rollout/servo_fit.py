@@ -14,6 +14,7 @@ import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.given_values import require_type, require_types
 from consistent_id.errors import ModelError, RecordingError
 from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.servo_bounds import (
@@ -123,6 +124,9 @@ def identify_servos(
     --------
     See ``docs/servos.md``.
     """
+    require_type(robot, RobotModel, "robot")
+    require_types(training, ServoLog, "training")
+    require_types(validation, ServoLog, "validation")
     if not training:
         raise RecordingError("there is no log of servos to learn from")
     rigid_model(robot)

@@ -192,7 +192,7 @@ def test_a_lag_of_the_held_out_part_is_not_weighed_by_what_the_part_changes(late
     weighed = weighed_findings(
         late.problem,
         [lag, spike],
-        late.estimate(late.recommendation.method),
+        lambda: late.estimate(late.recommendation.method),
         late.training,
         late.validation,
     )

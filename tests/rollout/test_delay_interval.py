@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from consistent_id import load_problem
-from consistent_id.rollout.delay_interval import delay_interval
+from consistent_id.rollout.delay_interval import (
+    delay_interval,
+    delay_sentence,
+    delay_words,
+)
 from consistent_id.rollout.delay_search import MOST, FoundDelay
 
 PLACES = np.array([0.006, 0.0075, 0.009, 0.0087])  # s, of blocks of equal weight
@@ -49,6 +53,47 @@ def test_there_is_none_if_other_friction_has_a_delay_beyond_the_longest():
 )
 def test_there_is_none_where_friction_of_another_kind_has_no_best_delay(other):
     assert delay_interval(FOUND, [lambda _: other], MOST) is None
+
+
+NONE = FoundDelay(0.0, np.inf, True, 4, limit=0.001)
+
+
+def test_that_of_no_delay_ends_at_the_longest_upper_limit_of_all_frictions():
+    later = least_at(PLACES - PLACES.mean() + 0.003)
+    sooner = least_at(PLACES - 0.02)
+    low, high = delay_interval(NONE, [sooner, later], MOST)
+    assert low == 0.0
+    assert high == pytest.approx(0.003 + QUANTILE * STANDARD, rel=1e-3)
+
+
+@pytest.mark.parametrize("limit", [0.001, None])
+def test_that_of_no_delay_is_its_upper_limit(limit):
+    interval = delay_interval(replace(NONE, limit=limit), [], MOST)
+    assert interval == (None if limit is None else (0.0, limit))
+
+
+def test_there_is_none_for_no_delay_if_other_friction_has_a_long_one():
+    assert delay_interval(NONE, [least_at(PLACES + 0.004)], MOST) is None
+
+
+@pytest.mark.parametrize(
+    ("found", "interval", "said"),
+    [
+        (NONE, (0.0, 0.00694), "delay 0 (at most 6.9 ms)"),
+        (NONE, None, "delay 0 (at most: unknown)"),
+        (NONE, (0.0, 0.0), "delay 0 (at most 0.0 ms)"),
+        (replace(FOUND, delay=0.02, at_bound=True), None, "delay 20 ms, the longest"),
+        (FOUND, (0.0061, 0.0079), "delay 7.00 ms (6.1 to 7.9 ms, 95 %)"),
+        (FOUND, None, "delay 7.00 ms (error unknown)"),
+    ],
+)
+def test_how_well_a_delay_is_known_is_said(found, interval, said):
+    words = delay_words(found, interval)
+    assert words.startswith(said)
+    sentence = delay_sentence(found, interval)
+    assert sentence.startswith(f"{words}: ")
+    logged_late = interval == (0.0, 0.0)
+    assert ("logged later than they act" in sentence) == logged_late
 
 
 @pytest.mark.parametrize(

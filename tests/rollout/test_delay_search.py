@@ -71,3 +71,41 @@ def test_an_error_that_rises_from_no_delay_on_has_its_least_there(squares):
 
     found = found_delay(of, [0.0, 2.5e-3])
     assert found.delay == 0.0 and found.at_bound
+
+
+def test_a_delay_of_none_has_an_upper_limit_by_the_scatter_of_its_blocks():
+    places = PLACES - 0.0145  # their mean is below 0
+    found = found_delay(lambda delay: squares(delay, places), [-NEAR, 0.0])
+    standard = places.std(ddof=1) / np.sqrt(len(places))
+    assert found.at_bound and found.delay == 0.0
+    assert found.limit == pytest.approx(places.mean() + 3.182446 * standard, abs=1e-5)
+    assert found.interval == (0.0, found.limit)
+
+
+def test_the_upper_limit_of_none_is_found_among_longer_delays():
+    places = np.array([-0.012, 0.004, -0.001, 0.003])
+    found = found_delay(lambda delay: squares(delay, places), [-NEAR, 0.0])
+    standard = places.std(ddof=1) / np.sqrt(len(places))
+    assert found.limit == pytest.approx(places.mean() + 3.182446 * standard, abs=1e-5)
+    assert found.limit > 4.0 * NEAR
+
+
+def test_commands_that_act_long_before_they_are_logged_have_a_limit_of_none():
+    found = found_delay(lambda delay: squares(delay, PLACES - 0.019), [-NEAR, 0.0])
+    assert found.limit == 0.0
+
+
+def test_there_is_no_upper_limit_where_blocks_do_not_agree_that_the_error_rises():
+    places = np.array([-0.05, 0.045, -0.05, 0.04])
+    found = found_delay(lambda delay: squares(delay, places), [-NEAR, 0.0])
+    assert found.at_bound and found.limit is None and found.interval is None
+
+
+def test_longer_delays_that_diverge_leave_the_upper_limit_unknown():
+    places = np.array([-0.012, 0.004, -0.001, 0.003])
+
+    def diverging(delay):
+        return squares(delay, places) if delay < 0.006 else np.full(4, np.inf)
+
+    found = found_delay(diverging, [-NEAR, 0.0])
+    assert found.at_bound and found.limit is None

@@ -14,7 +14,12 @@ from commanded_leg import write_leg
 from consistent_id import load_problem
 from consistent_id.errors import RecordingError
 from consistent_id.problems.study import Study
-from consistent_id.rollout import chosen_settings, problem_rollout, refine
+from consistent_id.rollout import (
+    chosen_settings,
+    problem_rollout,
+    refine,
+    refinement_choice,
+)
 from consistent_id.rollout.problem_rollout import rollout_of
 from consistent_id.rollout.rollout_slopes import finite_changes
 from consistent_id.rollout.settings import replay_errors, slow_and_fast, torque_fit
@@ -126,7 +131,7 @@ def test_parameters_that_torque_feels_by_rounding_alone_have_no_finite_step(prob
 def test_a_part_whose_fit_diverges_is_not_refined_and_the_run_goes_on(
     problem, monkeypatch
 ):
-    monkeypatch.setattr(chosen_settings, "torque_fit", unstable)
+    monkeypatch.setattr(refinement_choice, "torque_fit", unstable)
     done = rollout_of(Study(problem), refine=True)
     assert done.refinement is None and done.ridge.ridge is None
     assert set(done.ridge.errors.values()) == {np.inf}
@@ -137,7 +142,7 @@ def test_a_part_whose_fit_diverges_is_not_refined_and_the_run_goes_on(
 @pytest.mark.slow
 def test_a_refined_estimate_that_diverges_later_falls_back(problem, monkeypatch):
     bad = refine.Refined(unstable(problem)[0], 1e-3, 1e-3)
-    taken = chosen_settings.RidgeChoice(1.0, {None: 2e-3, 1.0: 1e-3})
+    taken = refinement_choice.RidgeChoice(1.0, {None: 2e-3, 1.0: 1e-3})
     monkeypatch.setattr(problem_rollout, "chosen_ridge", lambda *given: taken)
     monkeypatch.setattr(problem_rollout, "_refined", lambda *rest: bad)
     study = Study(problem)
@@ -179,6 +184,7 @@ def test_a_run_whose_settings_cannot_be_chosen_has_those_that_are_stated(
         raise RecordingError("too short for two parts")
 
     monkeypatch.setattr(chosen_settings, "slow_and_fast", none)
+    monkeypatch.setattr(refinement_choice, "slow_and_fast", none)
     done = rollout_of(Study(problem), choose=True, refine=True)
     assert done.settings is None and done.refinement is None
     assert done.problem.table == problem.table

@@ -13,8 +13,9 @@ from commanded_leg import write_leg
 from consistent_id import load_problem
 from consistent_id.errors import RecordingError
 from consistent_id.problems.study import Study
-from consistent_id.rollout import chosen_settings as chosen
 from consistent_id.rollout import problem_rollout, refine
+from consistent_id.rollout import refinement_choice as chosen
+from consistent_id.rollout.chosen_settings import SettingsChoice
 from consistent_id.rollout.problem_rollout import rollout_of
 from consistent_id.rollout.refine import full_step, refinement_start
 from consistent_id.rollout.rollout_slopes import Replays
@@ -81,6 +82,31 @@ def test_a_refinement_begins_at_the_lowest_cutoff_that_predicts_as_well(
     assert found.cutoffs[30.0] == pytest.approx(np.sqrt(40.0))
 
 
+EVEN = np.full(4, 10.0)  # squared errors of the blocks of a part
+SPREAD = np.array([9.0, -3.0, -3.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("of_parts", "best"),
+    [
+        ({0.1: (EVEN - 2, EVEN - 1), 1.0: (EVEN - 1, EVEN - 1)}, 0.1),
+        ({0.1: (EVEN - 5, EVEN + 1), 1.0: (EVEN - 1, EVEN - 1)}, 1.0),
+        ({0.1: (EVEN - 5, EVEN + 1), 1.0: (EVEN + 1, EVEN - 5)}, None),
+        ({0.1: (EVEN - 5, EVEN + SPREAD)}, 0.1),
+        ({0.1: (EVEN - 1, EVEN * np.inf)}, None),
+        ({0.1: (EVEN, EVEN), 1.0: (EVEN + 1, EVEN + 1)}, None),
+    ],
+    ids=["both", "another", "none", "within its error", "diverges", "as good"],
+)
+def test_a_refinement_that_loses_on_a_part_is_not_taken(of_parts, best):
+    assert chosen.best_ridge({None: (EVEN, EVEN), **of_parts}) == best
+
+
+def test_a_refinement_of_a_fit_that_diverges_is_taken():
+    parts = {None: (EVEN, EVEN * np.inf), 0.1: (EVEN, EVEN)}
+    assert chosen.best_ridge(parts) == 0.1
+
+
 def test_a_whole_step_from_the_start_itself_is_its_first_step(problem):
     estimate, regression = torque_fit(problem)
     logs, gains = problem.logs("training"), problem.gains
@@ -112,7 +138,7 @@ def test_the_cutoff_of_a_refinement_is_that_of_the_study(problem, monkeypatch, f
         lowered = (tried, 10.0) if settings else ({}, None)
         return chosen.RidgeChoice(0.3, errors, None, *lowered)
 
-    choice = chosen.SettingsChoice(settings, 2.5e-3, ((settings, 2.5e-3),))
+    choice = SettingsChoice(settings, 2.5e-3, ((settings, 2.5e-3),))
     monkeypatch.setattr(problem_rollout, "chosen_settings", lambda problem: choice)
     monkeypatch.setattr(problem_rollout, "chosen_ridge", ridge)
     done = rollout_of(Study(problem), choose=True, refine=True, form=form)

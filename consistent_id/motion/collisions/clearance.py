@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Vector
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.motion.collisions.scene import Scene, body_places, largest_change
@@ -139,9 +140,12 @@ def prove_clearance(
     >>> report.holds, round(report.time, 1), round(report.distance, 2)
     (True, 0.5, 0.98)
     """
+    require_type(scene, Scene, "scene")
     if not 0.0 < tolerance < np.inf:
         raise ProblemError(f"tolerance is {tolerance} m, expected more than 0")
     every = list(paths) if isinstance(paths, Sequence) else [paths]
+    for path in every:
+        require_type(path, JointPath, "paths")
     if not every:
         raise ProblemError("no path to check, expected one or more")
     return worst_clearance([_proof(scene, path, tolerance) for path in every])

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector, array_default, freeze, freeze_arrays
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.motion.collisions.bodies import Body, Sphere, plane
@@ -123,7 +124,9 @@ def within_workspaces(scene: Scene, workspaces: Iterable[Workspace]) -> Scene:
     >>> [scene.names(pair)[1] for pair in scene.pairs]
     ['low x of link2', 'high x of link2', 'low y of link2', 'high y of link2']
     """
+    require_type(scene, Scene, "scene")
     for box in workspaces:
+        require_type(box, Workspace, "workspaces")
         point = f"point of {box.link}"
         ball = Body(point, Sphere(_RADIUS), box.link, translation=box.point)
         scene = kept_off(scene, ball, _faces(box), f"workspace of {box.link!r}")
@@ -157,7 +160,9 @@ def within_cones(scene: Scene, cones: Iterable[OrientationCone]) -> Scene:
     >>> nearest(scene, [[np.pi / 2, 0.49]]).distance.round(4).tolist()
     [[0.0099]]
     """
+    require_type(scene, Scene, "scene")
     for cone in cones:
+        require_type(cone, OrientationCone, "cones")
         length = 1.0 / np.sin(cone.angle)
         point = Body(
             f"direction of {cone.link}",

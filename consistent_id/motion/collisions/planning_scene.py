@@ -23,6 +23,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.files import LARGEST_MODEL, read_input
+from consistent_id._support.given_values import require_type
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.motion.collisions.bodies import (
     Body,
@@ -108,6 +109,7 @@ def planning_scene_bodies(path: str | Path, robot: RobotModel) -> tuple[Body, ..
     ProblemError
         If it cannot be read, or an object is in an unknown frame.
     """
+    require_type(robot, RobotModel, "robot")
     path = Path(path)
     content = read_input(path, ProblemError, LARGEST_MODEL)
     if path.suffix.lower() == ".scene":

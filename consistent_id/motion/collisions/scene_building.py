@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array
+from consistent_id._support.given_values import require_type, require_types
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.motion.collisions.bodies import Body, plane
 from consistent_id.motion.collisions.hanging import Hanging, file_tree, hanging_bodies
@@ -91,7 +92,9 @@ def build_scene(
     ProblemError
         If a name is unknown, or an obstacle touches the robot at every random pose.
     """
+    require_type(robot, RobotModel, "robot")
     bodies = tuple(bodies)
+    require_types(bodies, Body, "bodies")
     extra_of = _extras(bodies, clearance, extra or {})
     free = {frozenset(names) for names in _expanded(bodies, allowed)}
     pairs, notes = [], []
@@ -160,6 +163,7 @@ def scene_from_urdf(
         If a name is unknown, or an obstacle, or a body that hangs on the robot, touches
         it at every random pose.
     """
+    require_type(robot, RobotModel, "robot")
     path = Path(path)
     shapes = urdf_shapes(path, package_dirs, elements, pieces)
     bodies = [body for body in shapes.bodies if _has(robot, body)]

@@ -17,6 +17,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector, number
 from consistent_id._support.extras import needed
 from consistent_id._support.files import write_atomically
+from consistent_id._support.given_values import require_type
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.motion.files.document import (
     ExactPath,
@@ -179,6 +180,7 @@ def write_trajectory(
     >>> again.sine.tolist()
     [[0.2]]
     """
+    require_type(path, JointPath, "path")
     file = Path(file)
     chosen = format or _format_of(file)
     if chosen not in FORMAT_OF_ENDING.values():

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ProblemError
 from consistent_id.motion.limits import MotionLimits
@@ -185,6 +186,8 @@ def motion_margins(
     >>> margins.holds, margins.least.quantity, round(margins.least.margin, 4)
     (True, 'upper position', 0.4)
     """
+    require_type(path, JointPath, "path")
+    require_type(limits, MotionLimits, "limits")
     if path.joints != limits.joints:
         raise ProblemError(
             f"the path moves {', '.join(path.joints)}; the limits are of "

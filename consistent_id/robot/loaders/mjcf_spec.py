@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from consistent_id._support.files import require_regular
 from consistent_id.errors import ModelError
 from consistent_id.robot.loaders.urdf_lint import read_bytes
 from consistent_id.robot.loaders.xml import Element, XmlFault, parse
@@ -143,9 +144,10 @@ def read_spec(path: Path, mujoco: Any) -> Any:
     Raises
     ------
     ModelError
-        If MuJoCo refuses the file, or the inertia of a body comes from a mesh that is
-        not there.
+        If the file cannot be read, MuJoCo refuses it, or the inertia of a body comes
+        from a mesh that is not there.
     """
+    require_regular(path, ModelError)
     try:
         spec = spec_of_file(path, mujoco)
     except (ValueError, mujoco.FatalError) as cause:
