@@ -17,14 +17,6 @@ from consistent_id.rollout.servo_columns import logged_joints
 from consistent_id.rollout.servo_log import read_servo_sets
 
 
-def written(path, log, names="time,position,goal_position,load", unit=1.0):
-    table = np.column_stack(
-        [log.time, log.position / unit, log.goal / unit, 885 * log.duty]
-    )
-    np.savetxt(path, table, delimiter=",", header=names, comments="")
-    return path
-
-
 def test_columns_units_gaps_and_full_duty_are_found(pendulum, tmp_path):
     log = a_log(pendulum)
     (read,) = read_servo_logs([written(tmp_path / "a.csv", log)], ("servo",))
