@@ -24,7 +24,7 @@ from consistent_id.diagnosis.explain import (
     thinned,
 )
 from consistent_id.diagnosis.factor_logs import FactorLogs
-from consistent_id.diagnosis.findings import Diagnosis, LogFinding
+from consistent_id.diagnosis.findings import Diagnosis, LogFinding, Severity
 from consistent_id.diagnosis.free_clock import (
     SEVERAL,
     SureClock,
@@ -70,7 +70,9 @@ _OF_OTHER_ROBOTS = {
 _OF_UNITS = ("torque unit", "torque gain")  # with them, torque has no known size
 _LATE = ("lag", "drive filter")
 _MASSES = "masses or gain"
-_OF_THE_ROBOT = ("coupling",)  # parts of the robot, not faults of a log
+# Parts of the robot, and how it is mounted: the same in all logs, so that what
+# validation alone shows is less.
+_OF_THE_ROBOT: Mapping[str, Severity] = {"coupling": "note", "gravity": "warning"}
 
 
 @single_threaded
@@ -210,18 +212,21 @@ def _has_faults(found: Sequence[LogFinding]) -> bool:
 def _of_the_robot(
     found: Sequence[LogFinding], training: Collection[str]
 ) -> list[LogFinding]:
-    """Turn parts that the robot seems to have in validation alone into notes.
+    """Weigh what is the robot's, and the same in all logs, less if validation shows it.
 
-    A robot has a gear coupling in all logs, or in none.
+    Neither a gear coupling nor the way in which a robot is mounted changes between
+    recordings, unless somebody mounts it anew.
     """
     seen = {(f.kind, f.where) for f in found if f.recording in training}
     return [
         replace(
             f,
-            severity="note",
+            severity=_OF_THE_ROBOT[f.kind],
             statement=f"{f.statement}; no training recording shows it",
         )
         if f.kind in _OF_THE_ROBOT
+        and f.severity != "note"
+        and f.recording
         and f.recording not in training
         and (f.kind, f.where) not in seen
         else f

@@ -107,6 +107,19 @@ def test_a_base_that_leans_is_no_gain_and_a_gain_no_base_that_leans():
     assert [f.kind for f in diagnose(model, scaled).faults] == ["torque gain"]
 
 
+@pytest.mark.slow
+def test_how_a_robot_is_mounted_is_a_fault_where_training_shows_it():
+    """What validation alone shows is a warning: no estimate is fitted to it."""
+    model = _arm()
+    upright, hung = (_log(_arm(angle)) for angle in (0.0, 2.0))
+    hung = replace(hung, name="hung")
+    assert "gravity" in {f.kind for f in diagnose(model, hung).faults}
+    found = diagnose(model, upright, [hung])
+    (gravity,) = (f for f in found.findings if f.kind == "gravity")
+    assert gravity.severity == "warning" and gravity.recording == "hung"
+    assert "no training recording shows it" in gravity.statement
+
+
 def test_the_option_that_is_printed_is_the_gravity_of_the_log():
     upright, leaning = _arm(), _arm(np.radians(30))
     log = _log(leaning)
