@@ -50,7 +50,7 @@ def stages(total: int, shown: bool) -> Iterator[Callable[[str], None]]:
 
         def begin(stage: str) -> None:
             nonlocal begun
-            show(begun, stage)
+            show(min(begun, total - 1), stage)  # work that is done again is one stage
             begun += 1
 
         yield begin

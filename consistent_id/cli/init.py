@@ -81,6 +81,10 @@ def run_init(options: argparse.Namespace) -> int:
 
 
 def _draft(options: argparse.Namespace) -> "Draft | RobotDraft":
+    from consistent_id._support.progress import begun
+
+    names = ", ".join(path.name for path in (options.model, *(options.log or ())))
+    begun(f"reading {names}", shows_progress(options))
     from consistent_id.problems.drafting import drafted
     from consistent_id.problems.robot_draft import robot_draft
 

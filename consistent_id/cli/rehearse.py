@@ -11,7 +11,7 @@ from consistent_id.cli.excite import (
     parameters,
 )
 from consistent_id.cli.options import Option, add_command, positive
-from consistent_id.cli.source import PROBLEM_OR_ROBOT, ROBOT, statement
+from consistent_id.cli.source import PROBLEM_OR_ROBOT, ROBOT, announce, statement
 
 _MORE = """The design that excite would make is played in MuJoCo by robots with known
 parameters: dry friction, rotors, a controller with a wrong model, encoders, noise. Then
@@ -59,6 +59,7 @@ def run_rehearse(options: argparse.Namespace) -> int:
 
 
 def _rehearse(options: argparse.Namespace) -> Answer:
+    announce(options)
     from consistent_id.excitation.sources import (
         estimated_parameters,
         problem_to_excite,

@@ -4,9 +4,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from consistent_id.cli.answers import Answer, tables_answer
+from consistent_id.cli.answers import Answer, shows_progress, tables_answer
 from consistent_id.cli.options import ACCEPT, OUTPUT, TIME_LIMIT, Option, add_command
-from consistent_id.cli.source import SOURCE, STATED, each, opened, study_of
+from consistent_id.cli.source import SOURCE, STATED, announce, each, opened, study_of
 
 if TYPE_CHECKING:
     from consistent_id.rollout.problem_rollout import ProblemRollout
@@ -68,6 +68,8 @@ def run_rollout(options: argparse.Namespace) -> int:
 
 
 def _rollout(options: argparse.Namespace) -> Answer:
+    if not options.log:
+        announce(options)
     from consistent_id._support.files import require_writable
     from consistent_id.rollout.problem_rollout import rollout_of
 
@@ -82,6 +84,7 @@ def _rollout(options: argparse.Namespace) -> Answer:
         refine=options.refine or not chosen,
         choose=options.choose or not chosen,
         form=options.form,
+        progress=shows_progress(options),
     )
 
     def write() -> list[Path]:

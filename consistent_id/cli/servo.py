@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from consistent_id.cli.answers import Answer, show, tables_answer
+from consistent_id.cli.answers import Answer, show, shows_progress, tables_answer
 from consistent_id.cli.options import OUTPUT, TIME_LIMIT, Option, add_command, positive
 
 if TYPE_CHECKING:
@@ -115,6 +115,10 @@ def run_servo(options: argparse.Namespace) -> int:
 
 
 def _answer(options: argparse.Namespace) -> Answer:
+    from consistent_id._support.progress import begun
+
+    names = ", ".join(path.name for path in (options.robot, *options.log))
+    begun(f"reading {names}", shows_progress(options))
     from consistent_id._support.files import require_writable
     from consistent_id._support.tables import Table
     from consistent_id.robot.loaders.robot_file import load_robot
@@ -142,7 +146,14 @@ def _answer(options: argparse.Namespace) -> Answer:
         full_duty=options.full_duty,
     )
     forms = tuple(FORMS) if options.friction is None else (options.friction,)
-    fit = identify_servos(robot, training, validation, forms=forms, gain=options.gain)
+    fit = identify_servos(
+        robot,
+        training,
+        validation,
+        forms=forms,
+        gain=options.gain,
+        progress=shows_progress(options),
+    )
     tables, record = fit.tables(), fit.to_dict()
     if still:
         names = ", ".join(sorted(still))

@@ -105,13 +105,22 @@ def statement(options: argparse.Namespace, *parts: Part) -> "Statement":
     return statement_of_words(words)
 
 
-def opened(options: argparse.Namespace) -> "Opened":
-    """Open the problem that the options name, with their statements."""
+def announce(options: argparse.Namespace) -> None:
+    """Say which problem, or robot and logs, are read, before libraries are imported."""
     from consistent_id._support.progress import begun
 
+    first = options.problem
+    first = first.parent if first.name == "problem.toml" else first
+    names = (
+        path.resolve().name for path in (first, *(getattr(options, "log", None) or ()))
+    )
+    begun(f"reading {', '.join(names)}", shows_progress(options))
+
+
+def opened(options: argparse.Namespace) -> "Opened":
+    """Open the problem that the options name, with their statements."""
     if options.log:
-        names = ", ".join(path.name for path in (options.problem, *options.log))
-        begun(f"reading {names}", shows_progress(options))
+        announce(options)
     from consistent_id.problems.opening import open_problem
 
     return open_problem(

@@ -1,6 +1,6 @@
 """A study's rollout: its recommended estimate, or one refined, beside other robots."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.given_values import require_type
+from consistent_id._support.progress import stages
 from consistent_id._support.tables import Table, brief
 from consistent_id.comparison.speed_trend import (
     TrendAt,
@@ -271,6 +272,7 @@ def rollout_of(
     refine: bool = False,
     choose: bool = False,
     form: str | None = None,
+    progress: bool = False,
 ) -> ProblemRollout:
     """Replay a problem's commands by the estimate that its study recommends.
 
@@ -291,6 +293,8 @@ def rollout_of(
     form : str, optional
         Fit friction in the form that a file format has; see `in_form_of`.  The study is
         that of the problem with this friction.
+    progress : bool
+        Show which stage is under way, on the standard error.
 
     Raises
     ------
@@ -304,23 +308,26 @@ def rollout_of(
     require_type(study, Study, "study")
     gains_of(study.problem)  # before the work, as MuJoCo
     require_mujoco()
-    choice, notes = None, []
-    if choose:
-        try:
-            choice = chosen_settings(study.problem)
-        except ConsistentIdError as reason:
-            notes.append(f"Settings are as stated: {reason}")
-    ways = dict.fromkeys([(choice, refine), (choice, False), (None, False)])
-    *better, last = ways
-    for settings, refining in better:
-        try:
-            done = _rolled(study, settings, refining, against, form)
-        except RecordingError as reason:
-            what = "not refined" if refining else "not with the chosen settings"
-            notes.append(f"The replayed estimate is {what}: {reason}")
-        else:
-            return replace(done, notes=tuple(notes))
-    return replace(_rolled(study, *last, against, form), notes=tuple(notes))
+    with stages(4, progress) as begin:
+        choice, notes = None, []
+        if choose:
+            begin("cut-off, delay and friction")
+            try:
+                choice = chosen_settings(study.problem)
+            except ConsistentIdError as reason:
+                notes.append(f"Settings are as stated: {reason}")
+        ways = dict.fromkeys([(choice, refine), (choice, False), (None, False)])
+        *better, last = ways
+        for settings, refining in better:
+            try:
+                done = _rolled(study, settings, refining, against, form, begin)
+            except RecordingError as reason:
+                what = "not refined" if refining else "not with the chosen settings"
+                notes.append(f"The replayed estimate is {what}: {reason}")
+            else:
+                return replace(done, notes=tuple(notes))
+        done = _rolled(study, *last, against, form, begin)
+    return replace(done, notes=tuple(notes))
 
 
 def _rolled(
@@ -329,6 +336,7 @@ def _rolled(
     refine: bool,
     against: Sequence[str | Path],
     form: str | None,
+    begin: Callable[[str], None],
 ) -> ProblemRollout:
     """Replay with these settings; see `rollout_of`."""
     if choice is not None:
@@ -338,11 +346,14 @@ def _rolled(
         study = replace(study, problem=in_form_of(study.problem, form))
     # Friction in a format's form is fitted with the settings as they were chosen.
     settings = None if choice is None or form is not None else choice.settings
+    if refine:
+        begin("how far to refine")
     ridge = chosen_ridge(study.problem, settings) if refine else None
     if choice is not None and ridge is not None and ridge.cutoff is not None:
         choice = replace(choice, settings=replace(choice.settings, cutoff=ridge.cutoff))
         study = replace(study, problem=with_settings(study.problem, choice.settings))
     problem, gains = study.problem, gains_of(study.problem)
+    begin("fit and verdict")
     done = None
     if ridge is not None and ridge.ridge is not None:
         try:
@@ -354,6 +365,7 @@ def _rolled(
     else:
         estimate = replace(done.estimate, judged=study.verdict_on(done.estimate))
     loss = None if form is None else _loss(stated, study, form)
+    begin("rollouts")
     training = problem.logs("training")
     replays = rollout(
         estimate,

@@ -15,6 +15,7 @@ import numpy as np
 from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.given_values import require_type, require_types
+from consistent_id._support.progress import stages
 from consistent_id.errors import ModelError, RecordingError
 from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.servo_bounds import (
@@ -92,6 +93,7 @@ def identify_servos(
     forms: Sequence[str] = tuple(FORMS),
     gain: float | None = None,
     seed: int = 0,
+    progress: bool = False,
 ) -> ServoFit:
     """Identify the servos of a robot whose bodies are known.
 
@@ -108,6 +110,8 @@ def identify_servos(
         Share of full duty over position error, of logs without a duty.
     seed : int
         Seed of the search.
+    progress : bool
+        Show which servo is under way, on the standard error.
 
     Raises
     ------
@@ -143,12 +147,14 @@ def identify_servos(
     data = _ServoData(robot, tuple(training), tuple(validation), gain)
     _require_names([log.name for log in data.logs])
     still = not_moved(robot, training)
-    joints = tuple(
-        _identified(data, place, forms, seed)
-        for place, name in enumerate(robot.joint_names)
-        if name not in still
-    )
-    return ServoFit(robot.name, joints, data.volts, still)
+    moved = [name for name in robot.joint_names if name not in still]
+    joints = []
+    with stages(len(moved), progress) as begin:
+        for name in moved:
+            begin(f"servo of {name}")
+            place = robot.joint_names.index(name)
+            joints.append(_identified(data, place, forms, seed))
+    return ServoFit(robot.name, tuple(joints), data.volts, still)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
