@@ -92,7 +92,29 @@ def _rollout(options: argparse.Namespace) -> Answer:
 
     usable = done.estimate.verdict.usable
     tables = source.noted([*done.tables(), *source.tables()])
-    return tables_answer(tables, done.to_dict(), usable=usable, write=write)
+    answer = tables_answer(tables, done.to_dict(), usable=usable, write=write)
+    return answer._replace(text=answer.text + _next(done, options))
+
+
+def _next(done: "ProblemRollout", options: argparse.Namespace) -> str:
+    """Return the command that writes a file of the replayed estimate, if it is kept."""
+    folder = options.output
+    if folder is None or options.dry_run or not done.estimate.verdict.usable:
+        return ""
+    import shlex
+
+    kept = done.settings is not None
+    problem = folder / "problem.toml" if kept else options.problem
+    if not kept and options.log:
+        return ""
+    words = ["consistent-id", "export", str(problem)]
+    words += ["--estimate", str(_estimate_file(done, folder))]
+    words += ["--format", "mjcf", "--output", str(folder / "robot.xml")]
+    return f"\n\nnext: {shlex.join(words)}"
+
+
+def _estimate_file(done: "ProblemRollout", folder: Path) -> Path:
+    return folder / f"{done.estimate.method.replace(' ', '_')}.json"
 
 
 def _written(done: "ProblemRollout", folder: Path) -> list[Path]:
@@ -104,7 +126,7 @@ def _written(done: "ProblemRollout", folder: Path) -> list[Path]:
     name = done.problem.name
     head = "# consistent-id: the problem, with the settings of a rollout.\n\n"
     paths = [
-        done.estimate.save(folder / f"{done.estimate.method.replace(' ', '_')}.json"),
+        done.estimate.save(_estimate_file(done, folder)),
         write_json(folder / "rollout.json", done.to_dict()),
         write_atomically(folder / "rollout.html", rollout_html(done.rollout, name)),
     ]

@@ -321,9 +321,11 @@ def read_estimate(path: Path, model: TorqueModel) -> EstimateRecord:
         raise ProblemError(f"{path}: not an estimate in the form {FORMAT!r}")
     same = tuple(record.parameters) == model.layout.names
     if not same or set(record.sigma) != set(model.torque_joints):
+        beside = path.parent / "problem.toml"
+        remedy = f"; give the problem beside it, {beside}" if beside.exists() else ""
         raise ProblemError(
             f"{path}: its parameters are not those of robot "
-            f"{model.robot.name!r} with these drive terms"
+            f"{model.robot.name!r} with these drive terms{remedy}"
         )
     return record
 

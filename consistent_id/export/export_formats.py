@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import wraps
 from importlib import import_module
-from math import inf, pi
+from math import inf, nan, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
@@ -131,6 +131,7 @@ EXPORT_FORMATS = (
 _NAMED = 4  # of links in a note
 _DOUBTFUL = ("offset", "spring")  # terms that are left out within their error
 _UNFELT = 0.2  # of a joint's residual: torque of what is left out, at most
+_ROUNDING = 1e-6  # of it: no term, but a solver's rounding
 
 _COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")
 
@@ -294,26 +295,30 @@ def without_doubtful(estimate: "Estimate") -> tuple["Estimate", tuple[str, ...]]
     They are those within their standard error whose torque is hardly felt: a file is
     simpler without them, and fits the data as well.  A term may be within its error
     and large, if other parameters make up for it.  It stays, because these do not
-    change.
+    change.  What is a solver's rounding is left out without a note: a spring that
+    carries an offset would be stretched by it beyond all measure.
     """
     errors, layout = estimate.parameter_errors, estimate.model.layout
-    if errors is None:
-        return estimate, ()
-    x, left_out = estimate.parameters.copy(), []
+    x, left_out, rounded = estimate.parameters.copy(), [], False
     robot, sigma = estimate.model.robot, estimate.sigma
-    unfelt = dict(zip(estimate.model.torque_joints, _UNFELT * sigma, strict=True))
+    sigma_of = dict(zip(estimate.model.torque_joints, sigma, strict=True))
+    unfelt = {joint: _UNFELT * size for joint, size in sigma_of.items()}
     reach = {joint.name: _reach(joint) for joint in robot.driven}
     for name in _DOUBTFUL:
         for i in layout.drive_indices(name):
             joint = layout.drive[i - layout.inertial_size][0]
             torque = abs(x[i]) * (reach[joint] if name == "spring" else 1.0)
-            within = x[i] != 0.0 and abs(x[i]) <= errors[i]  # not of NaN
+            if 0.0 < torque <= _ROUNDING * sigma_of.get(joint, 0.0):
+                x[i], rounded = 0.0, True
+                continue
+            error = nan if errors is None else float(errors[i])
+            within = x[i] != 0.0 and abs(x[i]) <= error
             if within and torque <= unfelt.get(joint, 0.0):
-                left_out.append(f"{layout.names[i]} {x[i]:.2g} +- {errors[i]:.2g}")
+                left_out.append(f"{layout.names[i]} {x[i]:.2g} +- {error:.2g}")
                 unfelt[joint] -= torque
                 x[i] = 0.0
     if not left_out:
-        return estimate, ()
+        return (replace(estimate, parameters=x) if rounded else estimate), ()
     note = (
         "left out, as within their standard error and hardly felt in the torque: "
         + ", ".join(left_out)

@@ -21,6 +21,8 @@ from consistent_id.robot.chains import Selection
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import Joint, RobotModel
 
+_WIDEST = np.pi  # rad between limits, up to which a tendon's moment arm grows
+
 _ROUNDING = 1e-12  # of the largest eigenvalue: the digits of a difference of inertias
 
 
@@ -296,15 +298,26 @@ def parameters_in_file(
     layout, read = model.layout, FileContents() if read is None else read
     for k, link in enumerate(model.robot.links):
         x[layout.link_slice(k)] = read.bodies.get(link.name, x[layout.link_slice(k)])
-    for drive in joint_drives(estimate):
-        stated = read.drives.get(drive.joint, {})
-        for name, value in _terms_in_file(drive, holds, stated).items():
+    for joint, drive in zip(model.robot.driven, joint_drives(estimate), strict=True):
+        stated, kept = read.drives.get(drive.joint, {}), holds
+        if kept is not None and not can_slope(joint):
+            kept = {*kept} - {"friction_slope"}
+        for name, value in _terms_in_file(drive, kept, stated).items():
             x[layout.index(f"{drive.joint}.{name}")] = value
     for coupling, values in coupling_values(estimate):
         for name in values:
             if holds is not None and name not in holds:
                 x[layout.index(f"{coupling.label}.{name}")] = 0.0
     return x
+
+
+def can_slope(joint: Joint) -> bool:
+    """Return whether a file that holds friction by position can hold a joint's.
+
+    A tendon's moment arm grows over at most half a turn.
+    """
+    width = joint.limits.upper - joint.limits.lower
+    return joint.kind == "revolute" and width <= _WIDEST
 
 
 def _terms_in_file(

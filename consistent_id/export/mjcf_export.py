@@ -32,6 +32,7 @@ from consistent_id.export.export_formats import (
 )
 from consistent_id.export.file_values import (
     JointDrive,
+    can_slope,
     coupling_values,
     follower_drives,
     in_leader,
@@ -59,7 +60,6 @@ RADIUS = 0.05
 SIZE = 1e-3
 """Size of the sites that are its ends [m]; only for display."""
 
-_WIDEST = np.pi  # rad between limits, up to which the moment arm grows
 _GRID = 65  # positions between the limits at which the levels are made alike
 
 _ROUNDING = 1e-8  # relative; so much less than the shared value may a joint's own be
@@ -96,7 +96,7 @@ def add_slopes(
         for drive, joint in zip(
             joint_drives(estimate), estimate.model.robot.driven, strict=True
         )
-        if drive.values.get("friction_slope") and _can_wrap(joint)
+        if drive.values.get("friction_slope") and can_slope(joint)
     ]
     if not sloped:
         return set(), []
@@ -156,11 +156,6 @@ def set_number(item: Any, name: str, value: float) -> None:
         setattr(item, name, [value, *np.zeros(len(stated) - 1)])
     else:
         setattr(item, name, value)
-
-
-def _can_wrap(joint: Joint) -> bool:
-    width = joint.limits.upper - joint.limits.lower
-    return joint.kind == "revolute" and width <= _WIDEST
 
 
 def _level(drive: JointDrive, joint: Joint) -> _Level:

@@ -1,5 +1,6 @@
 """Offsets and springs that may be zero are not in exported files."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,9 @@ from consistent_id import (
 )
 from consistent_id.export.actuator_config import readme
 from consistent_id.export.export_formats import exported, without_doubtful
+from consistent_id.export.mjcf_export import WEAK
 from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.model import JointLimits
 from consistent_id.rollout.commanded_motion import FileError
 
 
@@ -49,6 +52,20 @@ def test_only_offsets_and_springs_within_their_error_are_left_out(estimate):
     assert "joint1.offset 0.05 +- 0.06" in note and "joint2.spring" in note
 
 
+def test_a_spring_that_is_a_solvers_rounding_carries_no_offset(estimate):
+    """It would be stretched by the offset over 1e14 rad; without errors, too."""
+    x, index = estimate.parameters.copy(), estimate.model.layout.names.index
+    x[[index("joint1.spring"), index("joint2.spring")]] = 1.5e-16, -4e-17
+    x[index("joint1.offset")] = 3.0
+    made = replace(estimate, parameters=x, parameter_errors=None)
+    kept, notes = without_doubtful(made)
+    assert not notes and not kept.parameters[index("joint1.spring")]
+    assert kept.parameters[index("joint1.offset")] == 3.0
+    text = exported(made, "mjcf").content.decode()
+    for found in re.findall(r'springref="([^"]*)"', text):
+        assert abs(float(found)) <= 1.01 / WEAK
+
+
 def test_a_term_that_the_torque_needs_stays(estimate):
     # An offset beyond a fifth of the residual, a spring that is so far from zero.
     exact = replace(estimate, sigma=np.array([0.2, 0.2 * np.pi]))
@@ -59,6 +76,22 @@ def test_a_term_that_the_torque_needs_stays(estimate):
     both = replace(estimate, parameter_errors=np.full(len(estimate.parameters), 1.0))
     kept, (note,) = without_doubtful(replace(both, sigma=np.array([4.0, 3.2])))
     assert "joint2.offset" in note and "joint2.spring" not in note
+
+
+@pytest.mark.parametrize(("reach", "held"), [(1.5, True), (2.0, False)])
+def test_friction_by_position_is_listed_where_a_tendon_cannot_hold_it(reach, held):
+    """Between the limits of these joints a tendon turns by 3 and by 4 rad."""
+    terms = DriveTerms(coulomb="tanh", velocity_scale=0.02, friction_slope=True)
+    rows = [DHRow(0.0, 0.0, limits=JointLimits(-reach, reach))]
+    model = TorqueModel(from_modified_dh("arm", rows), terms)
+    body = InertialParameters.from_central(1.0, [0.1, 0.0, 0.0], 0.01 * np.eye(3))
+    values = {"coulomb": 0.3, "friction_slope": 0.04}
+    names = model.layout.names[model.layout.inertial_size :]
+    x = [values[name.split(".")[1]] for name in names]
+    made = estimate_of(model, [body], np.array(x))
+    text = readme(made, "mjcf", "arm.xml", []).content.decode()
+    assert ("every drive term" in text) == held
+    assert ("| joint1 | friction_slope | 0.04" in text) != held
 
 
 def test_what_is_left_out_is_listed_as_what_a_file_lacks(estimate):

@@ -1,6 +1,8 @@
 """Rollouts of whole problems: simulated, from the shell, and of real robots."""
 
 import os
+import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -366,9 +368,13 @@ def test_the_report_of_commands_has_a_section_of_their_rollouts(folder, tmp_path
 
 
 @pytest.mark.slow
-def test_the_chosen_problem_is_written_so_that_it_can_be_run(folder, tmp_path):
+def test_the_chosen_problem_is_written_so_that_it_can_be_run(folder, capsys):
     out = folder / "chosen"
     assert main(["rollout", str(folder), "--output", str(out)]) == 0
+    printed = capsys.readouterr().out
+    (command,) = re.findall(r"^next: consistent-id (.*)$", printed, re.MULTILINE)
+    assert main(shlex.split(command)) == 0
+    assert (out / "robot.xml").is_file()
     record = parsed((out / "rollout.json").read_text())
     # There is no delay: an error is known only of one above 0.
     known = record["settings"]["delay_error"] is not None
