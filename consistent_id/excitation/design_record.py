@@ -87,7 +87,9 @@ def _distances(scene: Scene) -> str:
     for wanted, count in sorted(counts.items(), reverse=True):
         pairs = f"{count} pair{'s' if count > 1 else ''}"
         if wanted == 0.0:
-            apart.append(f"{pairs} must not touch")
+            close = (pair for pair in scene.pairs if pair.wanted == wanted)
+            names = tuple(" and ".join(scene.names(pair)) for pair in close)
+            apart.append(f"{pairs} must not touch ({some_of(names, _NAMED)})")
         else:
             verb = "stay" if count > 1 else "stays"
             apart.append(f"{pairs} {verb} {wanted * 1e3:.3g} mm apart")
