@@ -12,6 +12,7 @@ part of its channel's name, as ``tau_time`` beside ``tau1`` or ``drive/time`` be
 """
 
 import re
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +26,7 @@ from consistent_id.recordings.column_names import (
     DOUBTFUL,
     NamePattern,
     doubt,
+    is_of_another_only,
     shown,
 )
 from consistent_id.recordings.column_proposals import (
@@ -32,7 +34,6 @@ from consistent_id.recordings.column_proposals import (
     KnownColumns,
     candidates,
     not_found,
-    of_unit,
     require_width,
 )
 from consistent_id.recordings.column_words import (
@@ -60,6 +61,7 @@ from consistent_id.recordings.readers.recording_file import (
 from consistent_id.recordings.readers.table_folder import require_one_run
 from consistent_id.recordings.readers.units import KNOWN, SI, is_time, listed_names
 from consistent_id.recordings.recording import COMMANDS
+from consistent_id.recordings.unknown_columns import of_unit
 from consistent_id.recordings.unnamed_columns import (
     array_order,
     clock_column,
@@ -139,7 +141,9 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     names = column_names(log) if known.names is None else known.names
     if in_file and lacks_names(names):
         raise without_names(log, names, known.joints, known.channels, known.rows)
-    flat = in_file and len(known.joints) > 1 and has_no_arrays(log, names)
+    flat = known.flat or (in_file and has_no_arrays(log, names))
+    flat = flat and len(known.joints) > 1
+    known = replace(known, flat=flat)
     names = [name for name in names if name not in known.taken]
     if "time" not in known.channels:
         found = replace(found, time=clock_column(log, names, in_file=in_file))
@@ -164,6 +168,9 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             where = joints if channel == "position" else moved
             raise not_found(log, channel, names, where, known)
         best, *others = patterns
+        if channel == "velocity" and is_of_another_only(best.text, found.position):
+            notes.append(_unread_speed(best.text))
+            continue
         if in_file and best.is_array and channel == "position":
             require_width(log, best.text, listed or moved, names, known)
         found, chosen[channel] = _with(found, channel, best), best
@@ -227,6 +234,14 @@ def _unread_velocity(names: Sequence[str], joints: Sequence[str]) -> list[str]:
         f"a motor or a fan; if it is the joints': {option}"
         for pattern, option in of_unit("velocity", names, joints).items()
     ]
+
+
+def _unread_speed(pattern: str) -> str:
+    return (
+        f"{pattern} is not read: unlike the position's, its name says a speed of "
+        "another thing, such as of motors before gears; if it is that of the joints: "
+        f"--velocity {shlex.quote(pattern)}"
+    )
 
 
 def _with_listed_joints(

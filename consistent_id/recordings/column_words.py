@@ -39,7 +39,8 @@ _CURRENT = {"current", "currents", "cur", "curr", "amp", "amps", "ampere", "ampe
 _CURRENT |= {"i", "iq", "strom", "courant", "電流", "电流", "전류"}
 _COMMANDED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
 _COMMANDED |= {"reference", "setpoint", "goal", "soll", "consigne"}
-_COMMANDED |= {"指令", "目標", "目标", "期望"}
+_COMMANDED |= {"指令", "目標", "目标", "期望", "给定", "設定", "设定", "命令", "参考"}
+_COMMANDED |= {"명령", "목표"}
 _COMMANDS = {f"{short}{word}" for short in ("q", "pos", "p") for word in _COMMANDED}
 _COMMANDS |= {"aspos"}  # KUKA
 _COMMANDED |= {"d"}
@@ -47,7 +48,19 @@ _OTHER = {"error", "err", "limit", "action", "ext", "external", "computed", "res
 _OTHER |= {"ddot", "acc", "accel", "acceleration", "accelerations", "jerk", "std"}
 _OTHER |= {"gravity", "coriolis", "temperature", "temp", "temps", "voltage", "volts"}
 _OTHER |= {"status", "mode", "dimensions", "temperatur"}
-_OTHER |= {"加速度", "温度", "가속도", "온도"}
+_OTHER |= {"fehler", "schleppfehler", "lagefehler", "abweichung", "regelabweichung"}
+_OTHER |= {
+    "erreur",
+    "gravite",
+    "加速度",
+    "温度",
+    "가속도",
+    "온도",
+    "偏差",
+    "误差",
+    "誤差",
+}
+_OTHER |= {"残差", "重力", "外力", "限位", "오차", "편차", "중력", "외력"}
 _OTHER |= {"tcp", "tip", "ee", "eef", "cartesian"}  # the pose and wrench of a tool
 _RATE = {"dot"}  # of a position: its velocity
 _STATE = {"observation", "state"}  # LeRobot
@@ -83,7 +96,9 @@ _OTHER_LETTERS = re.compile(r"[^\W\d_a-zà-ÿµμ]+")  # Japanese, Cyrillic and 
 _GREEK = str.maketrans({"θ": "theta", "τ": "tau", "ω": "omega"})
 JOINED = re.compile(
     "加速度|速度|位置|角度|トルク|力矩|扭矩|转矩|電流|电流|温度|指令|目標|目标|期望|关节|軸|轴|"
-    "時刻|時間|时间|가속도|속도|위치|각도|토크|전류|온도|관절|축|시간"
+    "给定|設定|设定|命令|参考|偏差|误差|誤差|残差|重力|外力|限位|摩擦|估计|推定|最大|最小|电机|"
+    "モータ|時刻|時間|时间|가속도|속도|위치|각도|토크|전류|온도|관절|축|시간|명령|목표|오차|편차|"
+    "중력|외력|마찰|추정|최대|최소|모터"
 )
 """Words of logs in letters that need no marks between words, such as ``軸位置``."""
 HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
@@ -163,6 +178,9 @@ def _fitting(said: frozenset[str]) -> list[str]:
     fits = [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
     if _STATE <= said and len(fits) > 1:
         less = said - _STATE
+        fits = [c for c in fits if any(phrase <= less for phrase in _WORDS[c])]
+    if "omega" in said and said & BASE and fits == ["velocity"]:  # a gyroscope's
+        less = said - {"omega"}
         fits = [c for c in fits if any(phrase <= less for phrase in _WORDS[c])]
     rate = fits == ["position"] and _RATE & said
     angular = fits == ["position", "velocity"] and _ANGULAR & said
