@@ -18,6 +18,7 @@ from consistent_id.recordings.column_words import (
     is_bare,
     is_current,
     is_force,
+    says_only_read,
     says_unit_of,
     states,
     unit_of,
@@ -317,7 +318,8 @@ def _name_patterns(
     found = _every_pattern(names, joints, all_joints)
     fitting = [p for p in found if fits(p.text)]
     if not fitting and channel == "position":
-        fitting = [p for p in found if is_bare(p.text)]
+        bare = [p for p in found if is_bare(p.text)]
+        fitting = [p for p in bare if not says_only_read(p.text)] or bare
     if not fitting:
         fitting = [p for p in found if says_unit_of(channel, p.text)]
     # Names beside a single torque are those of arrays, not of joints.

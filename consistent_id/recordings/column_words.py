@@ -39,6 +39,7 @@ _CURRENT = {"current", "currents", "cur", "curr", "amp", "amps", "ampere", "ampe
 _CURRENT |= {"i", "iq", "strom", "courant", "電流", "电流", "전류"}
 _COMMANDED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
 _COMMANDED |= {"reference", "setpoint", "goal", "soll", "consigne"}
+_COMMANDED |= {"commands", "targets", "references", "setpoints", "goals"}
 _COMMANDED |= {"指令", "目標", "目标", "期望", "给定", "設定", "设定", "命令", "参考"}
 _COMMANDED |= {"명령", "목표"}
 _COMMANDS = {f"{short}{word}" for short in ("q", "pos", "p") for word in _COMMANDED}
@@ -71,6 +72,7 @@ _KORTEX = {"actuators"}  # Kinova's feedback, in degrees and degrees per second
 _ODRIVE = re.compile(r"axis\{\w+\}\.(?:encoder\.)?(?:pos|vel)_estimate$")
 _BARE = {"j", "jnt", "joint", "joints", "axis", "axes", "ax", "achse", "a", "dof"}
 _BARE |= {"axe", "軸", "轴", "关节", "축", "관절"}
+_OF_POSITIONS = {"actual", "act", "measured"}
 _BARE |= MEASURED - {"ist"}  # may also be a current: I_ist
 _BARE |= {"deg", "degs", "degree", "degrees", "grad", "rad", "mm"}
 # Of a velocity, they say of what.
@@ -242,6 +244,17 @@ def is_bare(pattern: str) -> bool:
     (True, True, False)
     """
     return words(pattern) <= _BARE
+
+
+def says_only_read(pattern: str) -> bool:
+    """Return whether a bare pattern says that it is read, but not of a joint or axis.
+
+    Examples
+    --------
+    >>> says_only_read("fbk_{number}"), says_only_read("J{number}_fbk")
+    (True, False)
+    """
+    return words(pattern) <= MEASURED and not words(pattern) <= _OF_POSITIONS
 
 
 def says_nothing(pattern: str) -> bool:

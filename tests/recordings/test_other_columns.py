@@ -121,3 +121,10 @@ def test_commands_of_torque_do_not_hide_other_columns_that_may_be_torque():
     with pytest.raises(RecordingError, match="commands of torque") as caught:
         guess_of(["t", *pair("q", "tau_cmd", "load")])
     assert "only load{1..2} are as many" in str(caught.value)
+
+
+def test_a_reading_without_a_joint_s_word_is_no_position_beside_joints():
+    names = ["t", *pair("fbk_", "J", "tau")]
+    assert guess_of(names).columns.position == "J{number}"
+    assert guess_of(["t", *pair("fbk_", "tau")]).columns.position == "fbk_{number}"
+    assert channel_of("pos_commands{number}") == "position_command"
