@@ -18,7 +18,7 @@ from consistent_id.recordings.column_words import (
     is_bare,
     is_current,
     is_force,
-    says_only_read,
+    says_reading,
     says_unit_of,
     states,
     unit_of,
@@ -319,7 +319,9 @@ def _name_patterns(
     fitting = [p for p in found if fits(p.text)]
     if not fitting and channel == "position":
         bare = [p for p in found if is_bare(p.text)]
-        fitting = [p for p in bare if not says_only_read(p.text)] or bare
+        fitting = [p for p in bare if not says_reading(p.text)]
+        if not any(_may_be_position(name, observed) for name in names):
+            fitting = fitting or bare
     if not fitting:
         fitting = [p for p in found if says_unit_of(channel, p.text)]
     # Names beside a single torque are those of arrays, not of joints.
@@ -339,6 +341,11 @@ def _name_patterns(
             key=lambda p: (*rank(channel, p), len(p.text)),
         )
     )
+
+
+def _may_be_position(name: str, observed: Sequence[str]) -> bool:
+    plain = words(name) and is_bare(name) and not says_reading(name)
+    return bool(plain) or channel_of(name, observed) == "position"
 
 
 def _is_component(name: str, names: Collection[str]) -> bool:

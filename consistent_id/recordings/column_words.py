@@ -246,15 +246,15 @@ def is_bare(pattern: str) -> bool:
     return words(pattern) <= _BARE
 
 
-def says_only_read(pattern: str) -> bool:
-    """Return whether a bare pattern says that it is read, but not of a joint or axis.
+def says_reading(pattern: str) -> bool:
+    """Return whether a word says that a pattern is read, which may be of anything.
 
     Examples
     --------
-    >>> says_only_read("fbk_{number}"), says_only_read("J{number}_fbk")
+    >>> says_reading("fbk_{number}"), says_reading("J{number}_actual")
     (True, False)
     """
-    return words(pattern) <= MEASURED and not words(pattern) <= _OF_POSITIONS
+    return bool(words(pattern) & (MEASURED - _OF_POSITIONS))
 
 
 def says_nothing(pattern: str) -> bool:

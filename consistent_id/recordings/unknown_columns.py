@@ -32,6 +32,7 @@ from consistent_id.recordings.column_words import (
     may_be_effort,
     may_be_of_unit,
     says_nothing,
+    says_reading,
     words,
 )
 from consistent_id.recordings.log_formats import has_no_arrays
@@ -364,7 +365,7 @@ def _for_each(
 def torque_if(
     names: Sequence[str], joints: tuple[str, ...], *, placed: bool
 ) -> tuple[str, str] | None:
-    """Return columns that are torque under a condition, and the option of the first.
+    """Return columns that are torque under a condition, and the option if it is one.
 
     Commands of torque; the only columns whose names say nothing, or only a reading,
     such as ``feedback``, beside positions that have a name of their own.
@@ -375,7 +376,7 @@ def torque_if(
         Whether positions are stated.
     """
     positions = name_patterns("position", names, joints)
-    placed = placed or any(channel_of(p.text) for p in positions)
+    placed = placed or any(not says_reading(p.text) for p in positions)
 
     def unknown(text: str) -> bool:
         read = placed and words(text) <= MEASURED
@@ -390,4 +391,6 @@ def torque_if(
         said = "are as many as the joints: if they are torques or motor currents"
         of = f" Of the columns without a known word, only {what} {said}: {option}"
         found.append((of, option))
-    return ("".join(said for said, _ in found), found[0][1]) if found else None
+    if not found:
+        return None
+    return "".join(said for said, _ in found), found[0][1] if len(found) == 1 else ""

@@ -109,9 +109,10 @@ def test_errors_and_commands_in_other_languages_are_not_measured(text, channel):
 
 
 def test_a_reading_that_says_no_more_may_be_the_torque_beside_positions():
-    with pytest.raises(RecordingError, match="only fbk") as caught:
-        guess_of(["t", *pair("q", "dq", "fbk_")])
-    assert caught.value.options == "--torque 'fbk_{number}'"
+    for position in ("q", "J"):
+        with pytest.raises(RecordingError, match="only fbk") as caught:
+            guess_of(["t", *pair(position, "dq", "fbk_")])
+        assert caught.value.options == "--torque 'fbk_{number}'"
     with pytest.raises(RecordingError) as caught:  # fbk are the positions
         guess_of(["t", *pair("fbk_")])
     assert not caught.value.options
@@ -121,10 +122,27 @@ def test_commands_of_torque_do_not_hide_other_columns_that_may_be_torque():
     with pytest.raises(RecordingError, match="commands of torque") as caught:
         guess_of(["t", *pair("q", "tau_cmd", "load")])
     assert "only load{1..2} are as many" in str(caught.value)
+    assert not caught.value.options  # which of them is open
 
 
-def test_a_reading_without_a_joint_s_word_is_no_position_beside_joints():
-    names = ["t", *pair("fbk_", "J", "tau")]
-    assert guess_of(names).columns.position == "J{number}"
-    assert guess_of(["t", *pair("fbk_", "tau")]).columns.position == "fbk_{number}"
+@pytest.mark.parametrize(
+    ("names", "position"),
+    [
+        (pair("fbk_", "J"), "J{number}"),
+        (pair("feedback_J", "J"), "J{number}"),
+        (pair("fbk_"), "fbk_{number}"),
+        (
+            [*pair("fbk_"), "1 pos [deg]", "2 pos [mm]"],
+            "{1 pos [deg],2 pos [mm]}",
+        ),
+    ],
+)
+def test_a_reading_of_anything_is_a_position_only_if_nothing_else_is(names, position):
+    assert guess_of(["t", *names, *pair("tau")]).columns.position == position
+    three = ["t", *(f"q{k}" for k in (1, 2, 3)), *pair("fbk_", "tau")]
+    with pytest.raises(RecordingError, match="3 columns, the robot has 2"):
+        guess_of(three)
+
+
+def test_commands_in_the_plural_are_not_measured():
     assert channel_of("pos_commands{number}") == "position_command"
