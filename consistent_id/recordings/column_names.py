@@ -231,6 +231,7 @@ _ANOTHER = set(
     "offset bias friction fric prev output frottement estime estimee "
     "摩擦 估计 推定 最大 最小 마찰 추정 최대 최소".split()
 )
+_ESTIMATED = set("est estimated estime estimee output 估计 推定 추정".split())
 _OF_A_MOTOR = {
     "motor",
     "rotor",
@@ -273,6 +274,8 @@ def doubt(channel: str, pattern: str) -> int:
 def is_of_another_only(velocity: str, position: str) -> bool:
     """Return whether a velocity is of something else, and the position is not.
 
+    Velocities are often estimates.
+
     Examples
     --------
     >>> is_of_another_only("motor_dq{number}", "q{number}")
@@ -280,11 +283,10 @@ def is_of_another_only(velocity: str, position: str) -> bool:
     >>> is_of_another_only("motor_dq{number}", "motor_q{number}")
     False
     """
-    of_another = doubt("velocity", velocity) >= DOUBTFUL
-    of_a_body = bool(words(velocity) & _OF_ANOTHER_BODY)
-    return (of_another and doubt("position", position) < DOUBTFUL) or (
-        of_a_body and not words(position) & _OF_ANOTHER_BODY
-    )
+    kinds = [_ANOTHER - _ESTIMATED, _OF_A_MOTOR, _OF_ANOTHER_BODY]
+    speed = words(velocity) - words(unit_of("velocity", velocity))
+    place = words(position)
+    return any(speed & kind and not place & kind for kind in kinds)
 
 
 def name_patterns(

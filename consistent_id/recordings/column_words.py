@@ -92,6 +92,7 @@ _JOINT = re.compile(r"\{[^{},]*\}")
 _LAST_UNIT = re.compile(  # in brackets, or a word of its own
     r"(?P<name>.*[^ _])[ _]*(?:[\[(](?P<unit>[^\[\](){}]+)[\])]|[ _](?P<word>[^\W_]+))"
 )
+_ACCELERATION = re.compile(r"dot[^a-z]?dot", re.IGNORECASE)
 _LETTERS = re.compile(r"[a-z]+")
 _DIGITS = re.compile(r"\d+")
 _OTHER_LETTERS = re.compile(r"[^\W\d_a-zà-ÿµμ]+")  # Japanese, Cyrillic and the like
@@ -216,7 +217,7 @@ def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
     if "action" in said and not said & _MEASURED:  # LeRobot, of its followers
         fits = _fitting(frozenset(said))
         return "position_command" if fits == ["position"] else ""
-    if said & _OTHER or is_time(pattern):
+    if said & _OTHER or is_time(pattern) or _ACCELERATION.search(pattern):
         return ""
     fits = _fitting(frozenset(said))
     if said & _COMMANDS or (said & _COMMANDED and fits == ["position"]):

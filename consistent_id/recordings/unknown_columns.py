@@ -362,6 +362,29 @@ def _for_each(
     return dict(found[text] for text in of_it)
 
 
+def unread_velocity(names: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Return a note on columns in a unit of velocity that may be another speed."""
+    return [
+        f"{pattern} is not read: only its unit says a velocity, which may be that of "
+        f"a motor or a fan; if it is the joints': {option}"
+        for pattern, option in of_unit("velocity", names, joints).items()
+    ]
+
+
+def unread_speed(pattern: str) -> str:
+    """Return a note on a velocity of something else than the joints."""
+    return (
+        f"{pattern} is not read: unlike the position's, its name says a speed of "
+        "another thing, such as of motors before gears; if it is that of the joints: "
+        f"--velocity {shlex.quote(pattern)}"
+    )
+
+
+def unread_array(name: str) -> str:
+    """Return a note on an array of velocities that are not one for each joint."""
+    return f"{name} is not read as the velocity: it has no column for each joint"
+
+
 def torque_if(
     names: Sequence[str], joints: tuple[str, ...], *, placed: bool
 ) -> tuple[str, str] | None:

@@ -1,6 +1,7 @@
 """Lines in which each value has its name are read as a table."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -64,16 +65,18 @@ def test_a_last_line_that_is_cut_off_and_other_lines_are_left_out(tmp_path):
     np.testing.assert_allclose(log.torque, TORQUE[:-1])
 
 
-def in_degrees(t, q, tau):
+def in_degrees(t, q, tau, unit="Nm"):
     each = [
-        f"q{k}={np.degrees(q[k - 1]):.9f}deg tau{k}: {tau[k - 1]} Nm" for k in (1, 2)
+        f"q{k}={np.degrees(q[k - 1]):.9f}deg tau{k}: {tau[k - 1]} {unit}"
+        for k in (1, 2)
     ]
     return f"t={1e3 * t:.4f}ms " + " ".join(each)
 
 
-def test_units_behind_values_are_those_of_their_columns(tmp_path):
+@pytest.mark.parametrize("unit", ["Nm", "N m", "N.m"])
+def test_units_behind_values_are_those_of_their_columns(tmp_path, unit):
     file = tmp_path / "printed.log"
-    file.write_text("\n".join(lines(in_degrees)) + "\n")
+    file.write_text("\n".join(lines(partial(in_degrees, unit=unit))) + "\n")
     log = read(file)
     np.testing.assert_allclose(log.time, TIME, atol=1e-6)
     np.testing.assert_allclose(log.position, POSITION, atol=1e-9)

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from consistent_id.errors import RecordingError
@@ -60,11 +61,17 @@ def test_columns_of_another_body_are_read_last():
     assert guess_of(hand).columns.velocity == "gripper_dq{number}"
 
 
+def test_an_estimated_velocity_is_one():
+    assert guess_of(["t", *pair("q", "dq_est", "tau")]).columns.velocity
+
+
 @pytest.mark.parametrize("speed", ["omega_motor", "vitesse_moteur", "vitesse_max"])
 def test_a_speed_of_something_else_is_not_the_joints_velocity(speed):
     guess = guess_of(["t", *pair("q", speed, "tau")])
     assert guess.columns.velocity is None
     assert any(f"--velocity '{speed}{{number}}'" in note for note in guess.notes)
+    of_motors = guess_of(["t", *pair("motor_q", "motor_dq_max", "tau")])
+    assert of_motors.columns.velocity is None
     of_motors = guess_of(["t", *pair("motor_q", "motor_omega", "tau")])
     assert of_motors.columns.velocity == "motor_omega{number}"
 
@@ -81,6 +88,7 @@ def test_an_angular_velocity_of_a_base_or_in_space_is_no_joint_s():
     assert guess_of(["t", "theta", "omega", "tau"], ("hip",)).columns.velocity
     assert channel_of("imu_omega{number}") == ""
     assert channel_of("omega{number}") == "velocity"
+    assert channel_of("q_dot_dot_{number}") == ""
 
 
 def test_one_column_of_a_flat_log_does_not_hide_currents(tmp_path):
@@ -146,3 +154,19 @@ def test_a_reading_of_anything_is_a_position_only_if_nothing_else_is(names, posi
 
 def test_commands_in_the_plural_are_not_measured():
     assert channel_of("pos_commands{number}") == "position_command"
+
+
+@pytest.mark.parametrize("shape", [(9, 3), (9,)])
+def test_arrays_that_are_not_of_the_joints_are_left_out(tmp_path, shape):
+    """An angular velocity in space, and a torque of a tool beside currents."""
+    log = tmp_path / "log.npz"
+    of_joints = {name: np.arange(18.0).reshape(9, 2) for name in ("q", "i")}
+    others = {name: np.ones(shape) for name in ("omega", "couple")}
+    np.savez(log, t=np.arange(9.0), **of_joints, **others)
+    guess = guess_columns(log, KnownColumns(JOINTS, currents=True))
+    assert guess.columns.velocity is None
+    assert guess.columns.torque == "i"
+    assert "omega is not read as the velocity" in " ".join(guess.notes)
+    np.savez(log, t=np.arange(9.0), **of_joints, omega=of_joints["q"])
+    guess = guess_columns(log, KnownColumns(JOINTS, currents=True))
+    assert guess.columns.velocity == "omega"

@@ -20,7 +20,7 @@ _MORE = re.compile(  # numbers of a list without brackets
     rf"(?:(?:[ \t]*[,;][ \t]+|[ \t]+)(?:{_NUMBER})(?![\w.:=,-]))+", re.IGNORECASE
 )
 _UNIT = re.compile(
-    r"[ ]?(?P<unit>[^\W\d_]+(?:/\w+)?|[N] m|[%°][\w/]*)(?![\w./\[]|\s*[=:])"
+    r"[ ]?(?P<unit>[mk]?N m|(?:[^\W\d_]|[%°])[\w/.*·^°]*)(?![\w/.*·^°\[]|\s*[=:])"
 )
 _END = re.compile(r"$|\s|[,;](?!\d)|[)\]}\"'|]")  # behind a number
 _ITEM = re.compile(rf"(?:{_NUMBER})", re.IGNORECASE)
