@@ -32,7 +32,11 @@ from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.mixed_columns import require_torque
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
 from consistent_id.recordings.readers.columns import wanted
-from consistent_id.recordings.readers.data_frames import ColumnTable, table_names
+from consistent_id.recordings.readers.data_frames import (
+    ColumnTable,
+    has_only_columns,
+    table_names,
+)
 from consistent_id.recordings.readers.named_arrays import require_gain
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.used_rows import NoValueError
@@ -183,6 +187,7 @@ def found_logs(
     known = replace(
         _stated_columns(robot, stated),
         names=in_memory,
+        flat=in_memory is not None and has_only_columns(tables[log], in_memory),
         taken=(*others, *(name for one in wrenches for name in one.names)),
         arrays=_arrays(floating),
         all_joints=_every_joint(model, stated),

@@ -12,19 +12,21 @@ part of its channel's name, as ``tau_time`` beside ``tau1`` or ``drive/time`` be
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_marks import most_common_source, of_one_source
+from consistent_id.recordings.column_marks import ordered_patterns
 from consistent_id.recordings.column_names import (
     DOUBTFUL,
     NamePattern,
     doubt,
+    is_of_another_only,
     shown,
 )
 from consistent_id.recordings.column_proposals import (
@@ -32,7 +34,6 @@ from consistent_id.recordings.column_proposals import (
     KnownColumns,
     candidates,
     not_found,
-    of_unit,
     require_width,
 )
 from consistent_id.recordings.column_words import (
@@ -60,10 +61,16 @@ from consistent_id.recordings.readers.recording_file import (
 from consistent_id.recordings.readers.table_folder import require_one_run
 from consistent_id.recordings.readers.units import KNOWN, SI, is_time, listed_names
 from consistent_id.recordings.recording import COMMANDS
+from consistent_id.recordings.unknown_columns import (
+    unread_array,
+    unread_speed,
+    unread_velocity,
+)
 from consistent_id.recordings.unnamed_columns import (
     array_order,
     clock_column,
     listed_joints,
+    readable,
     rises,
     without_names,
 )
@@ -139,7 +146,9 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     names = column_names(log) if known.names is None else known.names
     if in_file and lacks_names(names):
         raise without_names(log, names, known.joints, known.channels, known.rows)
-    flat = in_file and len(known.joints) > 1 and has_no_arrays(log, names)
+    flat = known.flat or (in_file and has_no_arrays(log, names))
+    flat = flat and len(known.joints) > 1
+    known = replace(known, flat=flat)
     names = [name for name in names if name not in known.taken]
     if "time" not in known.channels:
         found = replace(found, time=clock_column(log, names, in_file=in_file))
@@ -152,18 +161,23 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     for channel in ("position", "velocity", known.effort):
         if channel in known.channels:
             continue
-        patterns = candidates(channel, names, moved, known)
-        patterns = _of_one_source(channel, patterns, names, found, known)
-        patterns = [p for p in patterns if not (flat and p.is_array)]
+        search = partial(
+            ordered_patterns, channel, moved=moved, found=found, known=known
+        )
+        patterns = search(names)
         if in_file:
-            patterns = _with_motion(log, patterns, len(listed or moved))
+            patterns, more = _in_file(log, channel, names, search, len(listed or moved))
+            notes += more
         if not patterns and channel == "velocity":
-            notes += _unread_velocity(names, moved)
+            notes += unread_velocity(names, moved)
             continue
         if not patterns:
             where = joints if channel == "position" else moved
             raise not_found(log, channel, names, where, known)
         best, *others = patterns
+        if channel == "velocity" and is_of_another_only(best.text, found.position):
+            notes.append(unread_speed(best.text))
+            continue
         if in_file and best.is_array and channel == "position":
             require_width(log, best.text, listed or moved, names, known)
         found, chosen[channel] = _with(found, channel, best), best
@@ -174,31 +188,55 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             found = replace(found, torque_joints=best.joints)
         notes += _choice_notes(channel, best, others)
     if in_file:
-        require_commented_order(log, chosen, moved)
-        require_one_clock(log, column_names(log), found)
-        if log_format(log) is TABLES and "position" not in known.channels:
-            channels = (found.position, getattr(found, known.effort))
-            require_one_run(log, [pattern for pattern in channels if pattern])
+        _require_one_recording(log, chosen, moved, found, known)
     if ordered and found.array_joints:
         order = listed or array_order(log, names, tuple(found.array_joints))
         found = replace(found, array_joints=order)
     return ColumnGuess(found, moved, tuple(notes))
 
 
-def _of_one_source(
-    channel: str,
-    patterns: Sequence[NamePattern],
-    names: Sequence[str],
+def _require_one_recording(
+    log: Path,
+    chosen: Mapping[str, NamePattern],
+    joints: Sequence[str],
     found: Columns,
     known: KnownColumns,
-) -> list[NamePattern]:
-    """Return patterns; of equally good ones that of other channels' source first."""
-    if channel != "position":
-        return of_one_source(channel, patterns, found.position)
-    others = [c for c in ("velocity", known.effort) if c not in known.channels]
-    of_others = {c: candidates(c, names, known.joints, known) for c in others}
-    stated = {c: [NamePattern(n, ())] for c, n in known.channels.items() if c != "time"}
-    return most_common_source(patterns, of_others | stated)
+) -> None:
+    """Refuse another order of joints, several clocks, or several runs."""
+    require_commented_order(log, chosen, joints)
+    require_one_clock(log, column_names(log), found)
+    if log_format(log) is TABLES and "position" not in known.channels:
+        channels = (found.position, getattr(found, known.effort))
+        require_one_run(log, [pattern for pattern in channels if pattern])
+
+
+def _in_file(
+    log: Path,
+    channel: str,
+    names: Sequence[str],
+    search: Callable[[Sequence[str]], list[NamePattern]],
+    joints: int,
+) -> tuple[list[NamePattern], list[str]]:
+    """Return the patterns whose arrays may be of the joints, by their numbers.
+
+    A velocity or torque is no array of another width first, such as an angular velocity
+    in space, or the torque of a tool.  Beside them, a note on a velocity that is left
+    out; an only torque is refused where it is read.
+    """
+    if channel == "position":
+        return _with_motion(log, search(names), joints), []
+    left, first = list(names), search(names)
+    found = first
+    while found and found[0].is_array:
+        array = np.asarray(readable(log, [found[0].text]).get(found[0].text, ()))
+        if joints in array.shape or (array.ndim == 1 and joints == 1) or not array.size:
+            break
+        left.remove(found[0].text)
+        found = search(left)
+    if channel != "velocity":
+        return _with_motion(log, found or first, joints), []
+    notes = [unread_array(p.text) for p in first[:1] if not found]
+    return _with_motion(log, found, joints), notes
 
 
 def _choice_notes(
@@ -218,15 +256,6 @@ def _choice_notes(
     if also := rivals(best, others):
         notes.append(f"{channel} is read from {best.text}, not from {also}")
     return notes
-
-
-def _unread_velocity(names: Sequence[str], joints: Sequence[str]) -> list[str]:
-    """Return a note on columns in a unit of velocity that may be another speed."""
-    return [
-        f"{pattern} is not read: only its unit says a velocity, which may be that of "
-        f"a motor or a fan; if it is the joints': {option}"
-        for pattern, option in of_unit("velocity", names, joints).items()
-    ]
 
 
 def _with_listed_joints(

@@ -8,7 +8,47 @@ from collections.abc import Mapping, Sequence
 from itertools import takewhile
 
 from consistent_id.recordings.column_names import NamePattern, rank
+from consistent_id.recordings.column_proposals import KnownColumns, candidates
 from consistent_id.recordings.column_words import further_words
+from consistent_id.recordings.readers.columns import Columns
+
+
+def ordered_patterns(
+    channel: str,
+    names: Sequence[str],
+    *,
+    moved: tuple[str, ...],
+    found: Columns,
+    known: KnownColumns,
+) -> list[NamePattern]:
+    """Return patterns of a channel, the best first: of one source, if several are.
+
+    Parameters
+    ----------
+    moved : tuple of str
+        Joints whose columns are wanted.
+    found : Columns
+        The channels that are found so far.
+    """
+    patterns = candidates(channel, names, moved, known)
+    patterns = _of_one_source(channel, patterns, names, found, known)
+    return [p for p in patterns if not (known.flat and p.is_array)]
+
+
+def _of_one_source(
+    channel: str,
+    patterns: Sequence[NamePattern],
+    names: Sequence[str],
+    found: Columns,
+    known: KnownColumns,
+) -> list[NamePattern]:
+    """Return patterns; of equally good ones that of other channels' source first."""
+    if channel != "position":
+        return of_one_source(channel, patterns, found.position)
+    others = [c for c in ("velocity", known.effort) if c not in known.channels]
+    of_others = {c: candidates(c, names, known.joints, known) for c in others}
+    stated = {c: [NamePattern(n, ())] for c, n in known.channels.items() if c != "time"}
+    return most_common_source(patterns, of_others | stated)
 
 
 def of_one_source(

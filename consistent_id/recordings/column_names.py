@@ -6,19 +6,22 @@ Columns whose names differ by a number or by a joint are one pattern each.
 import re
 import shlex
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count, takewhile, zip_longest
 
 from consistent_id.recordings.column_words import (
+    BASE,
     MEASURED,
     channel_of,
     is_bare,
     is_current,
     is_force,
+    says_reading,
     says_unit_of,
     states,
+    unit_of,
     words,
 )
 from consistent_id.recordings.own_names import own_names
@@ -225,17 +228,29 @@ class NamePattern:
 
 _ANOTHER = set(
     "sim simulated model nominal ff feedforward set rated max min est estimated "
-    "offset bias friction prev output".split()
+    "offset bias friction fric prev output frottement estime estimee "
+    "摩擦 估计 推定 最大 最小 마찰 추정 최대 최소".split()
 )
-_OF_A_MOTOR = {"motor", "rotor"}  # before the gear
+_ESTIMATED = set("est estimated estime estimee output 估计 推定 추정".split())
+_OF_A_MOTOR = {
+    "motor",
+    "rotor",
+    "motorside",
+    "moteur",
+    "电机",
+    "モータ",
+    "모터",
+}  # before the gear
+_OF_ANOTHER_BODY = BASE | {"gripper", "finger", "fingers", "greifer", "pince"}
 _OF_JOINTS = {"joint", "joints", "jnt", "state", "states"}  # and of no other body
 
 
 _BEFORE_A_JOINT = re.compile(
-    r"(?:joint|jnt|axis|achse|axe|motor|servo|actuator|dof|(?<![a-z])[ja])[ _.\[(]*"
-    r"\{[^{}]*$",
+    r"(?:joint|jnt|axis|achse|axe|motor|servo|actuator|dof|(?<![a-z])[ja])[ _.\[(]*",
     re.IGNORECASE,
 )
+_AXIS = re.compile(r"(?<![^\W_])[xyzXYZ](?![^\W_])")
+_LAST_WORD = re.compile(r"[^\W\d_]+[ _.\[(]*")
 
 DOUBTFUL = 2
 """Rank of a pattern of something else, such as a simulation."""
@@ -248,10 +263,30 @@ def doubt(channel: str, pattern: str) -> int:
     --------
     >>> [doubt("torque", f"tau_{word}") for word in ("meas", "{joint}", "sim")]
     [0, 1, 2]
+    >>> doubt("velocity", "dq_{joint} [rev/min]")  # no minimum
+    1
     """
-    said = words(pattern)
+    said = words(pattern) - words(unit_of(channel, pattern))
     moved = channel != "torque" and said & _OF_A_MOTOR
     return DOUBTFUL if moved or said & _ANOTHER else 0 if said & MEASURED else 1
+
+
+def is_of_another_only(velocity: str, position: str) -> bool:
+    """Return whether a velocity is of something else, and the position is not.
+
+    Velocities are often estimates.
+
+    Examples
+    --------
+    >>> is_of_another_only("motor_dq{number}", "q{number}")
+    True
+    >>> is_of_another_only("motor_dq{number}", "motor_q{number}")
+    False
+    """
+    kinds = [_ANOTHER - _ESTIMATED, _OF_A_MOTOR, _OF_ANOTHER_BODY]
+    speed = words(velocity) - words(unit_of("velocity", velocity))
+    place = words(position)
+    return any(speed & kind and not place & kind for kind in kinds)
 
 
 def name_patterns(
@@ -285,7 +320,10 @@ def _name_patterns(
     found = _every_pattern(names, joints, all_joints)
     fitting = [p for p in found if fits(p.text)]
     if not fitting and channel == "position":
-        fitting = [p for p in found if is_bare(p.text)]
+        bare = [p for p in found if is_bare(p.text)]
+        fitting = [p for p in bare if not says_reading(p.text)]
+        if not any(_may_be_position(name, observed) for name in names):
+            fitting = fitting or bare
     if not fitting:
         fitting = [p for p in found if says_unit_of(channel, p.text)]
     # Names beside a single torque are those of arrays, not of joints.
@@ -295,7 +333,9 @@ def _name_patterns(
         fitting = [
             NamePattern(name, tuple(joints), is_array=True)
             for name in names
-            if fits(name) and not any(c.isdigit() for c in name)
+            if fits(name)
+            and not any(c.isdigit() for c in name)
+            and not _is_component(name, names)
         ]
     return tuple(
         sorted(
@@ -305,10 +345,34 @@ def _name_patterns(
     )
 
 
+def _may_be_position(name: str, observed: Sequence[str]) -> bool:
+    plain = words(name) and is_bare(name) and not says_reading(name)
+    return bool(plain) or channel_of(name, observed) == "position"
+
+
+def _is_component(name: str, names: Collection[str]) -> bool:
+    """Return whether a name is one of three that differ by an axis in space.
+
+    Examples
+    --------
+    >>> _is_component("omega_x", ["omega_x", "omega_y", "omega_z"])
+    True
+    >>> _is_component("omega_x", ["omega_x"])
+    False
+    """
+    found = _AXIS.search(name)
+    if found is None:
+        return False
+    axes = "xyz" if found[0].islower() else "XYZ"
+    start, end = found.span()
+    return all(f"{name[:start]}{axis}{name[end:]}" in names for axis in axes)
+
+
 def rank(channel: str, pattern: NamePattern) -> tuple[int, ...]:
     """Return the rank of a pattern of a channel: the lower, the better."""
     return (
         -len(pattern.joints),
+        int(bool(words(pattern.text) & _OF_ANOTHER_BODY)),
         doubt(channel, pattern.text),
         int(bool(words(pattern.text) & _OF_A_MOTOR)),  # torques of motors, last
         int("{joint}" not in pattern.text),
@@ -320,16 +384,24 @@ def rank(channel: str, pattern: NamePattern) -> tuple[int, ...]:
 def _counts_another_thing(text: str) -> bool:
     """Return whether a number behind that of a pattern is rather the joint's.
 
+    A number behind a word of a joint or of a channel is the joint's.
+
     Examples
     --------
     >>> _counts_another_thing("robot{number}.q_1"), _counts_another_thing("q{number}")
     (True, False)
     >>> _counts_another_thing("joint{number}.encoder_1")
     False
+    >>> _counts_another_thing("q{number}_encoder1")
+    False
     """
     before, mark, after = text.rpartition("}")
-    behind = mark and any(c.isdigit() for c in after)
-    return bool(behind) and _BEFORE_A_JOINT.search(before) is None
+    if not mark or not any(c.isdigit() for c in after):
+        return False
+    stem = before.rpartition("{")[0]
+    last = [found[0] for found in _LAST_WORD.finditer(stem) if found.end() == len(stem)]
+    of_a_joint = any(_BEFORE_A_JOINT.fullmatch(w) or channel_of(w) for w in last)
+    return not of_a_joint
 
 
 @lru_cache(maxsize=4)

@@ -3,7 +3,6 @@
 import shlex
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +16,10 @@ from consistent_id.recordings.column_names import (
     name_patterns,
     numbered_columns,
     shown,
-    with_joint,
 )
 from consistent_id.recordings.column_words import (
     CHANNELS,
     channel_of,
-    is_torque_command,
-    may_be_effort,
-    may_be_of_unit,
-    says_nothing,
     words,
 )
 from consistent_id.recordings.mixed_columns import mixed_patterns
@@ -40,6 +34,8 @@ from consistent_id.recordings.unknown_columns import (
     arrays_of_a_group,
     joints_of_wide,
     moving_part,
+    of_unit,
+    torque_if,
     unknown_columns,
 )
 from consistent_id.robot.parameters import did_you_mean
@@ -93,6 +89,8 @@ class KnownColumns:
         that names most of the joints.
     sliding : frozenset of str
         Joints that slide: columns of force are their torque.
+    flat : bool
+        Whether each column belongs to one joint, and none is an array of all.
     """
 
     joints: tuple[str, ...]
@@ -108,6 +106,7 @@ class KnownColumns:
     arrays: Columns | None = None
     topic: str | None = None
     sliding: frozenset[str] = frozenset()
+    flat: bool = False
 
     def __post_init__(self) -> None:
         known = ("time", "position", "velocity", "torque", *COMMANDS)
@@ -145,7 +144,8 @@ def candidates(
 ) -> list[NamePattern]:
     """Return candidates for a channel of the moving joints, the best first."""
     patterns = name_patterns(channel, names, moved, known.all_joints)
-    if channel == "torque" and not patterns and known.currents:
+    usable = [p for p in patterns if not (known.flat and p.is_array)]
+    if channel == "torque" and not usable and known.currents:
         if currents := name_patterns("current", names, moved, known.all_joints):
             return currents
     wanted = {*((channel == "torque" and known.torque_joints) or moved)}
@@ -268,18 +268,7 @@ def _advice_on_torque(
             "--gains KP,KD[,LIMIT] ..."
         )
         return more, of_commands
-    commanded = _for_each(is_torque_command, "torque", names, joints)
-    for what, option in commanded.items():
-        said = "are commands of torque, not measured: if the drives follow them"
-        return f" {what} {said}: {option}", option
-    unknown = _for_each(
-        lambda text: says_nothing(text) and may_be_effort(text), "torque", names, joints
-    )
-    for what, options in unknown.items() if len(unknown) == 1 else ():
-        said = "are as many as the joints: if they are torques or motor currents"
-        only = f" Of the columns without a known word, only {what} {said}: {options}"
-        return only, options
-    return None
+    return torque_if(names, joints, placed="position" in known.channels)
 
 
 def _of_more_columns(
@@ -344,41 +333,6 @@ def _by_numbers(
         return found.sentence, found.options
     lock = _locked(found.joints, joints, known.rows)
     return f"{found.sentence}, with {lock}", f"{lock} {found.options}"
-
-
-def of_unit(
-    channel: str, names: Sequence[str], joints: Sequence[str]
-) -> dict[str, str]:
-    """Return columns that only a unit says to be of a channel, and options for them.
-
-    Examples
-    --------
-    >>> of_unit("torque", ["t", "brake1_Nm", "brake2_Nm"], ["hip", "knee"])
-    {'brake{1..2}_Nm': "--torque 'brake{number}_Nm'"}
-    """
-    return _for_each(partial(may_be_of_unit, channel), channel, names, joints)
-
-
-def _for_each(
-    fits: Callable[[str], bool],
-    channel: str,
-    names: Sequence[str],
-    joints: Sequence[str],
-) -> dict[str, str]:
-    """Return columns, one for each joint, that fit, and options that read them.
-
-    Without those whose words say that they are of something else.
-    """
-    runs = [run for run in numbered_columns(names) if len(run) == len(joints)]
-    found = {run.pattern: (str(run), run.option(channel)) for run in runs}
-    known = frozenset(names)
-    of_runs = [{run.name(place) for place in range(len(run))} for run in runs]
-    for text in dict.fromkeys(with_joint(name, joints) for name in names):
-        each = {text.replace("{joint}", joint) for joint in joints}
-        if text not in known and each <= known and each not in of_runs:
-            found[text] = text, f"--{channel} {shlex.quote(text)}"
-    of_it = (text for text in found if fits(text) and doubt(channel, text) < DOUBTFUL)
-    return dict(found[text] for text in of_it)
 
 
 def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:

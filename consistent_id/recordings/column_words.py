@@ -39,7 +39,9 @@ _CURRENT = {"current", "currents", "cur", "curr", "amp", "amps", "ampere", "ampe
 _CURRENT |= {"i", "iq", "strom", "courant", "電流", "电流", "전류"}
 _COMMANDED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
 _COMMANDED |= {"reference", "setpoint", "goal", "soll", "consigne"}
-_COMMANDED |= {"指令", "目標", "目标", "期望"}
+_COMMANDED |= {"commands", "targets", "references", "setpoints", "goals"}
+_COMMANDED |= {"指令", "目標", "目标", "期望", "给定", "設定", "设定", "命令", "参考"}
+_COMMANDED |= {"명령", "목표"}
 _COMMANDS = {f"{short}{word}" for short in ("q", "pos", "p") for word in _COMMANDED}
 _COMMANDS |= {"aspos"}  # KUKA
 _COMMANDED |= {"d"}
@@ -47,7 +49,19 @@ _OTHER = {"error", "err", "limit", "action", "ext", "external", "computed", "res
 _OTHER |= {"ddot", "acc", "accel", "acceleration", "accelerations", "jerk", "std"}
 _OTHER |= {"gravity", "coriolis", "temperature", "temp", "temps", "voltage", "volts"}
 _OTHER |= {"status", "mode", "dimensions", "temperatur"}
-_OTHER |= {"加速度", "温度", "가속도", "온도"}
+_OTHER |= {"fehler", "schleppfehler", "lagefehler", "abweichung", "regelabweichung"}
+_OTHER |= {
+    "erreur",
+    "gravite",
+    "加速度",
+    "温度",
+    "가속도",
+    "온도",
+    "偏差",
+    "误差",
+    "誤差",
+}
+_OTHER |= {"残差", "重力", "外力", "限位", "오차", "편차", "중력", "외력"}
 _OTHER |= {"tcp", "tip", "ee", "eef", "cartesian"}  # the pose and wrench of a tool
 _RATE = {"dot"}  # of a position: its velocity
 _STATE = {"observation", "state"}  # LeRobot
@@ -58,6 +72,7 @@ _KORTEX = {"actuators"}  # Kinova's feedback, in degrees and degrees per second
 _ODRIVE = re.compile(r"axis\{\w+\}\.(?:encoder\.)?(?:pos|vel)_estimate$")
 _BARE = {"j", "jnt", "joint", "joints", "axis", "axes", "ax", "achse", "a", "dof"}
 _BARE |= {"axe", "軸", "轴", "关节", "축", "관절"}
+_OF_POSITIONS = {"actual", "act", "measured"}
 _BARE |= MEASURED - {"ist"}  # may also be a current: I_ist
 _BARE |= {"deg", "degs", "degree", "degrees", "grad", "rad", "mm"}
 # Of a velocity, they say of what.
@@ -77,13 +92,16 @@ _JOINT = re.compile(r"\{[^{},]*\}")
 _LAST_UNIT = re.compile(  # in brackets, or a word of its own
     r"(?P<name>.*[^ _])[ _]*(?:[\[(](?P<unit>[^\[\](){}]+)[\])]|[ _](?P<word>[^\W_]+))"
 )
+_ACCELERATION = re.compile(r"dot[^a-z]?dot", re.IGNORECASE)
 _LETTERS = re.compile(r"[a-z]+")
 _DIGITS = re.compile(r"\d+")
 _OTHER_LETTERS = re.compile(r"[^\W\d_a-zà-ÿµμ]+")  # Japanese, Cyrillic and the like
 _GREEK = str.maketrans({"θ": "theta", "τ": "tau", "ω": "omega"})
 JOINED = re.compile(
     "加速度|速度|位置|角度|トルク|力矩|扭矩|转矩|電流|电流|温度|指令|目標|目标|期望|关节|軸|轴|"
-    "時刻|時間|时间|가속도|속도|위치|각도|토크|전류|온도|관절|축|시간"
+    "给定|設定|设定|命令|参考|偏差|误差|誤差|残差|重力|外力|限位|摩擦|估计|推定|最大|最小|电机|"
+    "モータ|時刻|時間|时间|가속도|속도|위치|각도|토크|전류|온도|관절|축|시간|명령|목표|오차|편차|"
+    "중력|외력|마찰|추정|최대|최소|모터"
 )
 """Words of logs in letters that need no marks between words, such as ``軸位置``."""
 HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
@@ -164,6 +182,9 @@ def _fitting(said: frozenset[str]) -> list[str]:
     if _STATE <= said and len(fits) > 1:
         less = said - _STATE
         fits = [c for c in fits if any(phrase <= less for phrase in _WORDS[c])]
+    if "omega" in said and said & BASE and fits == ["velocity"]:  # a gyroscope's
+        less = said - {"omega"}
+        fits = [c for c in fits if any(phrase <= less for phrase in _WORDS[c])]
     rate = fits == ["position"] and _RATE & said
     angular = fits == ["position", "velocity"] and _ANGULAR & said
     return ["velocity"] if rate or angular else fits
@@ -196,7 +217,7 @@ def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
     if "action" in said and not said & _MEASURED:  # LeRobot, of its followers
         fits = _fitting(frozenset(said))
         return "position_command" if fits == ["position"] else ""
-    if said & _OTHER or is_time(pattern):
+    if said & _OTHER or is_time(pattern) or _ACCELERATION.search(pattern):
         return ""
     fits = _fitting(frozenset(said))
     if said & _COMMANDS or (said & _COMMANDED and fits == ["position"]):
@@ -224,6 +245,17 @@ def is_bare(pattern: str) -> bool:
     (True, True, False)
     """
     return words(pattern) <= _BARE
+
+
+def says_reading(pattern: str) -> bool:
+    """Return whether a word says that a pattern is read, which may be of anything.
+
+    Examples
+    --------
+    >>> says_reading("fbk_{number}"), says_reading("J{number}_actual")
+    (True, False)
+    """
+    return bool(words(pattern) & (MEASURED - _OF_POSITIONS))
 
 
 def says_nothing(pattern: str) -> bool:

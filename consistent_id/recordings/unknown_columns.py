@@ -7,7 +7,8 @@ which is a position.  The user states what is proposed.
 
 import shlex
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,12 +16,24 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_names import NumberedColumns, numbered_columns
+from consistent_id.recordings.column_names import (
+    DOUBTFUL,
+    NumberedColumns,
+    doubt,
+    name_patterns,
+    numbered_columns,
+    with_joint,
+)
 from consistent_id.recordings.column_words import (
     CHANNELS,
+    MEASURED,
     channel_of,
+    is_torque_command,
     may_be_effort,
+    may_be_of_unit,
     says_nothing,
+    says_reading,
+    words,
 )
 from consistent_id.recordings.log_formats import has_no_arrays
 from consistent_id.recordings.readers.named_arrays import read_parts
@@ -312,3 +325,95 @@ def moving_part(log: Path, run: NumberedColumns, joints: int) -> tuple[int, int]
     read = reader_of(log).read_arrays(log, each)
     first, number = _moving(np.column_stack([read[name] for name in each]))
     return (first, first + number) if number <= joints else (0, joints)
+
+
+def of_unit(
+    channel: str, names: Sequence[str], joints: Sequence[str]
+) -> dict[str, str]:
+    """Return columns that only a unit says to be of a channel, and options for them.
+
+    Examples
+    --------
+    >>> of_unit("torque", ["t", "brake1_Nm", "brake2_Nm"], ["hip", "knee"])
+    {'brake{1..2}_Nm': "--torque 'brake{number}_Nm'"}
+    """
+    return _for_each(partial(may_be_of_unit, channel), channel, names, joints)
+
+
+def _for_each(
+    fits: Callable[[str], bool],
+    channel: str,
+    names: Sequence[str],
+    joints: Sequence[str],
+) -> dict[str, str]:
+    """Return columns, one for each joint, that fit, and options that read them.
+
+    Without those whose words say that they are of something else.
+    """
+    runs = [run for run in numbered_columns(names) if len(run) == len(joints)]
+    found = {run.pattern: (str(run), run.option(channel)) for run in runs}
+    known = frozenset(names)
+    of_runs = [{run.name(place) for place in range(len(run))} for run in runs]
+    for text in dict.fromkeys(with_joint(name, joints) for name in names):
+        each = {text.replace("{joint}", joint) for joint in joints}
+        if text not in known and each <= known and each not in of_runs:
+            found[text] = text, f"--{channel} {shlex.quote(text)}"
+    of_it = (text for text in found if fits(text) and doubt(channel, text) < DOUBTFUL)
+    return dict(found[text] for text in of_it)
+
+
+def unread_velocity(names: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Return a note on columns in a unit of velocity that may be another speed."""
+    return [
+        f"{pattern} is not read: only its unit says a velocity, which may be that of "
+        f"a motor or a fan; if it is the joints': {option}"
+        for pattern, option in of_unit("velocity", names, joints).items()
+    ]
+
+
+def unread_speed(pattern: str) -> str:
+    """Return a note on a velocity of something else than the joints."""
+    return (
+        f"{pattern} is not read: unlike the position's, its name says a speed of "
+        "another thing, such as of motors before gears; if it is that of the joints: "
+        f"--velocity {shlex.quote(pattern)}"
+    )
+
+
+def unread_array(name: str) -> str:
+    """Return a note on an array of velocities that are not one for each joint."""
+    return f"{name} is not read as the velocity: it has no column for each joint"
+
+
+def torque_if(
+    names: Sequence[str], joints: tuple[str, ...], *, placed: bool
+) -> tuple[str, str] | None:
+    """Return columns that are torque under a condition, and the option if it is one.
+
+    Commands of torque; the only columns whose names say nothing, or only a reading,
+    such as ``feedback``, beside positions that have a name of their own.
+
+    Parameters
+    ----------
+    placed : bool
+        Whether positions are stated.
+    """
+    positions = name_patterns("position", names, joints)
+    placed = placed or any(not says_reading(p.text) for p in positions)
+
+    def unknown(text: str) -> bool:
+        read = placed and words(text) <= MEASURED
+        return read or (says_nothing(text) and may_be_effort(text))
+
+    found = list[tuple[str, str]]()
+    for what, option in _for_each(is_torque_command, "torque", names, joints).items():
+        said = "are commands of torque, not measured: if the drives follow them"
+        found.append((f" {what} {said}: {option}", option))
+    only = _for_each(unknown, "torque", names, joints)
+    for what, option in only.items() if len(only) == 1 else ():
+        said = "are as many as the joints: if they are torques or motor currents"
+        of = f" Of the columns without a known word, only {what} {said}: {option}"
+        found.append((of, option))
+    if not found:
+        return None
+    return "".join(said for said, _ in found), found[0][1] if len(found) == 1 else ""

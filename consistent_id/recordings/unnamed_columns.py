@@ -24,6 +24,7 @@ from consistent_id.recordings.readers.recording_file import read_whole, reader_o
 from consistent_id.recordings.readers.units import (
     RATE,
     clock_columns,
+    is_time,
     named_clocks,
     rate_of,
     split_clock,
@@ -397,16 +398,19 @@ def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:
     if in_file and len(found) > 1:
         found = _rising(log, found) or found
     shortest = min(found, key=len, default="")
-    if shortest and (split is None or shortest not in clock_columns(split)):
+    usual = any(map(is_time, found))  # else it may be of another thing
+    if usual and (split is None or shortest not in clock_columns(split)):
         return shortest
     if split is not None:
         return split
-    likely = [name for name in names if in_file and words(name) & _CLOCKS]
-    read = readable(log, likely)
+    clocks = [name for name in names if words(name) & _CLOCKS]
+    read = readable(log, clocks if in_file else ())
     columns = {name: np.asarray(values).reshape(-1) for name, values in read.items()}
     rising = [n for n, c in columns.items() if c.dtype.kind in "iuf" and is_clock(c)]
     if len(rising) == 1:
         return rising[0]
+    if shortest and not clocks and (not in_file or _rising(log, found)):
+        return shortest
     raise _without_clock(log, names, in_file=in_file)
 
 

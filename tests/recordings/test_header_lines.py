@@ -8,6 +8,7 @@ from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers import read_recording
+from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.readers.csv import array_names, read_arrays, read_batches
 
 JOINTS = ("hip", "knee")
@@ -140,3 +141,12 @@ def test_a_column_without_values_does_not_hide_the_clock(tmp_path):
     log.write_text("".join(["X_Value\tq1\ttau1\tComment\n", *rows]))
     with pytest.raises(RecordingError, match="X_Value counts up by 1"):
         guess_columns(log, KnownColumns(("a",)))
+
+
+def test_a_first_row_without_its_last_value_is_no_separator_at_the_end(tmp_path):
+    """Numbers of rows without a name would be the clock."""
+    log = tmp_path / "log.csv"
+    log.write_text("t,q_a,tau_a\n0,0.0,1,\n1,0.1,2,3\n2,0.2,2,3\n")
+    columns = Columns("t", "q_{joint}", torque="tau_{joint}")
+    with pytest.raises(RecordingError, match="4 fields, the header has 3"):
+        read_recording(log, ("a",), columns, missing="omit")

@@ -66,6 +66,14 @@ def test_a_structure_for_each_sample_is_a_row(tmp_path, samples):
     np.testing.assert_allclose(found.torque, 3.0 * position)
 
 
+def test_a_structure_for_each_run_has_no_samples(tmp_path):
+    run = (np.arange(200.0), np.ones((200, 2)), np.ones((200, 2)))
+    log = np.array([run] * 120, dtype=STRUCTURE)
+    savemat(tmp_path / "log.mat", {"log": log})
+    with pytest.raises(RecordingError, match="no column or array of numbers"):
+        read(tmp_path / "log.mat")
+
+
 def test_structures_in_cells_are_read_by_their_numbers(tmp_path):
     cells = np.empty((1, 2), object)
     for j in range(2):

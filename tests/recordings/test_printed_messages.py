@@ -10,6 +10,7 @@ from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.recordings.readers import read_recording
 from consistent_id.recordings.readers.csv import read_arrays
+from consistent_id.recordings.readers.printed_messages import named_columns
 from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.recordings.readers.yaml_messages import MessageError, fields_of
 
@@ -324,6 +325,24 @@ def test_what_stands_behind_a_text_is_read(text, fields):
 def test_a_line_that_is_not_understood_is_an_error(text):
     with pytest.raises(MessageError):
         fields_of("a: 1\n" + text + "\nlast: 9\n")
+
+
+def test_numbers_of_another_message_are_not_those_of_the_joints():
+    names = ["/js/name[0]", "/js/name[1]", "/js/position[0]", "/js/position[1]"]
+    wrench = ["/ft/wrench[0]", "/ft/wrench[1]"]
+    found = named_columns([*names, *wrench], ["a", "b", "0", "1", "2", "3"])
+    assert found.names == (*names[:2], "/js/position.a", "/js/position.b", *wrench)
+
+
+@pytest.mark.parametrize("arms", [("/l/", "/r/"), ("l_", "r_")])
+def test_each_message_has_its_own_names_of_joints(arms):
+    names = [
+        f"{arm}{word}{k}" for arm in arms for word in ("name", "q") for k in (0, 1)
+    ]
+    found = named_columns(names, ["a", "b", "1", "2", "c", "d", "3", "4"]).names
+    left, right = arms
+    assert [found[k] for k in (2, 3)] == [f"{left}q.a", f"{left}q.b"]
+    assert [found[k] for k in (6, 7)] == [f"{right}q.c", f"{right}q.d"]
 
 
 def states(count=40):

@@ -201,6 +201,13 @@ def test_frames_in_hdf5_are_read_by_the_names_of_their_columns(tmp_path):
     np.testing.assert_array_equal(elbow, VALUES[2:, ORDER.index("elbow")])
 
 
+def test_groups_that_are_called_like_frames_are_none(tmp_path):
+    path = tmp_path / "log.h5"
+    names = np.array(["time"], dtype="S")
+    save_hdf5(path, {"df/a_items": names, "df/a_values/q": VALUES, "t": TIME})
+    assert set(hdf5.array_names(path)) == {"df/a_items", "df/a_values/q", "t"}
+
+
 ARRAY = Columns("t", "q", array_joints=ORDER)
 BAD_ARRAYS = {
     "missing": ({"t": TIME, "q2": VALUES}, ARRAY, "no (column|variable) 'q'; .*q2"),

@@ -157,6 +157,14 @@ def test_of_several_topics_the_measured_one_with_effort_is_taken(save):
     assert len(read_recording(path, JOINTS)) == 5
 
 
+@pytest.mark.parametrize("topic", ["/sim/joint_states", "/joint_commands", "/model"])
+def test_the_only_effort_is_not_that_of_a_simulation_or_of_commands(save, topic):
+    bare = [(stamp, names, q, v, []) for stamp, names, q, v, _ in states(7)]
+    path = save({"/joint_states": bare, topic: states(5)})
+    with pytest.raises(RecordingError, match=r"2 topics .* name joints"):
+        read_recording(path, JOINTS)
+
+
 def test_of_several_measured_topics_one_is_proposed(save):
     path = save({"/left": states(5), "/right": states(7)})
     with pytest.raises(RecordingError, match="2 of them 2 of") as caught:

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.files import require_regular, require_unpacked
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.column_names import DOUBTFUL, doubt
 from consistent_id.recordings.column_words import is_of_another
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.readers.controller_states import (
@@ -405,7 +406,7 @@ def _topic(path: Path, bag: Any, topic: str | None, joints: Sequence[str]) -> st
     most = max(counts)
     likely = [t for t, count in zip(found, counts, strict=True) if count == most]
     with_effort = [
-        t for t in likely if "effort" in t.fields and not is_of_another(t.name)
+        t for t in likely if "effort" in t.fields and not _is_of_another(t.name)
     ]
     if most == 0 or (len(likely) > 1 and len(with_effort) != 1):
         listed = "; ".join(f"{t.name}: {', '.join(t.joints) or 'none'}" for t in found)
@@ -418,6 +419,17 @@ def _topic(path: Path, bag: Any, topic: str | None, joints: Sequence[str]) -> st
             options=option,
         )
     return likely[0].name if len(likely) == 1 else with_effort[0].name
+
+
+def _is_of_another(topic: str) -> bool:
+    """Return whether the name of a topic says a command, a simulation or the like.
+
+    Examples
+    --------
+    >>> _is_of_another("/sim/joint_states"), _is_of_another("/arm/joint_states")
+    (True, False)
+    """
+    return is_of_another(topic) or doubt("torque", topic) >= DOUBTFUL
 
 
 def _named(

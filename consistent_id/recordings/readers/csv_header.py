@@ -8,6 +8,7 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from consistent_id.recordings.readers.text_numbers import is_number
 
 _WITHOUT_NAMES = "column"
 _NUMBERS_OF_R = re.compile(r'"1"[^\n]*\n"2"')  # rows that begin with their numbers
+_LOOKED_AT = 100  # rows that end with a separator, if their programme writes it
 _NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
 
 
@@ -167,7 +169,12 @@ def _as_wide_as_rows(header: CsvHeader, text: str) -> CsvHeader:
     if len(below) == len(names) + 1 and _NUMBERS_OF_R.match(text, header.end):
         return replace(header, names=("", *names))
     if below[:-1] and not below[-1] and len(below) == len(names) + 1:
-        return replace(header, names=(*names, ""))
+        lines.seek(header.end)
+        whole = [row for row in islice(lines, _LOOKED_AT) if row.endswith("\n")]
+        rows = [row.rstrip("\r\n ") for row in whole if row.strip()]
+        # One row may lack its last value, behind numbers of rows without a name.
+        if all(row.endswith(header.separator) for row in rows):
+            return replace(header, names=(*names, ""))
     if names[:-1] and not names[-1] and len(names) == len(below) + 1:
         return replace(header, names=names[:-1])
     return header

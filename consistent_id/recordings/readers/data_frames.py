@@ -1,6 +1,6 @@
 """Recordings from tables in memory: data frames, and mappings of arrays."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -127,6 +127,20 @@ def table_names(table: ColumnTable, name: str) -> tuple[str, ...]:
     if index is not None and is_time(index) and not any(map(is_time, names)):
         raise _of_index(index, name)
     return tuple(names)
+
+
+def has_only_columns(table: ColumnTable, names: Iterable[str]) -> bool:
+    """Return whether no named value of a table is an array of several columns.
+
+    Examples
+    --------
+    >>> has_only_columns({"t": [0, 1], "q": [0, 1]}, ["t", "q"])
+    True
+    >>> has_only_columns({"q": [[0, 1], [2, 3]]}, ["q"])
+    False
+    """
+    arrays = (_array(table[name], name, "table") for name in names)
+    return all(array.ndim == 1 and array.dtype != object for array in arrays)
 
 
 def _names(table: ColumnTable, where: str) -> list[str]:

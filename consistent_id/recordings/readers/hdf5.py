@@ -210,7 +210,8 @@ def _frames(file: Any, group: str) -> dict[str, list[str]]:
         return found
     for key, item in file[group].items():
         names = file[group].get(f"{key.removesuffix('_values')}_items")
-        if not key.endswith("_values") or not isinstance(names, h5py.Dataset):
+        datasets = all(isinstance(one, h5py.Dataset) for one in (item, names))
+        if not key.endswith("_values") or not datasets:
             continue
         if names.dtype.kind == "S" and item.shape[1:] == names.shape:
             texts = [text.decode(errors="replace") for text in names[()].tolist()]

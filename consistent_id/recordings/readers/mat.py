@@ -40,6 +40,7 @@ _UNREADABLE = (
 )
 
 _MOST_STRUCTURES = 100  # of an array, of which each has its arrays; more are samples
+_MOST_ITEMS = 100  # of a sample's value
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {*range(1, 8), 9, *range(12, 19)}
 _HEADER = 128
@@ -126,7 +127,8 @@ def _side_by_side(cells: NDArray[Any]) -> NDArray[Any]:
     if found.dtype.names:
         return np.asarray(found)
     each = [np.asarray(cell).reshape(-1) for cell in cells.reshape(-1)]
-    numeric = all(one.dtype.kind in "iufb" for one in each)
+    # Longer values are runs, not samples.
+    numeric = all(one.dtype.kind in "iufb" and one.size <= _MOST_ITEMS for one in each)
     if not numeric or len({one.size for one in each}) != 1:
         return cells
     rows = np.stack(each)

@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 
-from consistent_id.recordings.readers.units import is_time
+from consistent_id.recordings.readers.units import is_any_unit, is_time
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)\b"
 _PAIR = re.compile(
@@ -16,6 +16,13 @@ _PAIR = re.compile(
     rf"\s*[=:]\s*(?:(?P<number>{_NUMBER})|[\[(](?P<items>[^\[\]()=:]*)[\])])",
     re.IGNORECASE,
 )
+_MORE = re.compile(  # numbers of a list without brackets
+    rf"(?:(?:[ \t]*[,;][ \t]+|[ \t]+)(?:{_NUMBER})(?![\w.:=,-]))+", re.IGNORECASE
+)
+_UNIT = re.compile(
+    r"[ ]?(?P<unit>[mk]?N m|(?:[^\W\d_]|[%°])[\w/.*·^°]*)(?![\w/.*·^°\[]|\s*[=:])"
+)
+_END = re.compile(r"$|\s|[,;](?!\d)|[)\]}\"'|]")  # behind a number
 _ITEM = re.compile(rf"(?:{_NUMBER})", re.IGNORECASE)
 _STAMP = re.compile(r"\[(\d{6,}\.\d+)\]")  # seconds, of ROS
 _FEWEST = 3  # values in a line
@@ -57,10 +64,16 @@ def table_of(text: str) -> str:
 
 
 def _row(line: str) -> dict[str, str]:
-    """Return the values of a line by their names; none of a comment."""
+    """Return the values of a line by their names; none of a comment.
+
+    None either where a name stands twice: then another word says of which thing it is.
+    """
     if line.startswith("#"):
         return {}
-    row = dict(_values(line))
+    pairs = list(_values(line))
+    row = dict(pairs)
+    if len(row) < len(pairs):
+        return {}
     stamp = _STAMP.search(line)
     if row and stamp is not None and not any(map(is_time, row)):
         row = {"time": stamp[1], **row}
@@ -68,9 +81,24 @@ def _row(line: str) -> dict[str, str]:
 
 
 def _values(line: str) -> Iterator[tuple[str, str]]:
+    """Yield values with their names, to which their units are added.
+
+    Examples
+    --------
+    >>> list(_values("t=10ms q1=30 deg, load: 1 2")), list(_values("q=0,5 day=1-2"))
+    ([('t [ms]', '10'), ('q1 [deg]', '30'), ('load[0]', '1'), ('load[1]', '2')], [])
+    """
     for found in _PAIR.finditer(line):
-        if found["number"] is not None:
-            yield found["name"], found["number"]
+        items, end = found["items"], found.end()
+        more = _MORE.match(line, end) if items is None else None
+        if more is not None:
+            items, end = f"{found['number']} {more[0]}", more.end()
+        last = _UNIT.match(line, end)
+        unit = f" [{last['unit']}]" if last and is_any_unit(last["unit"]) else ""
+        if not unit and not _END.match(line, end):
+            continue  # such as a date, a decimal comma or 0x1F
+        if items is None:
+            yield f"{found['name']}{unit}", found["number"]
             continue
-        for place, item in enumerate(_ITEM.findall(found["items"])):
-            yield f"{found['name']}[{place}]", item
+        for place, item in enumerate(_ITEM.findall(items)):
+            yield f"{found['name']}[{place}]{unit}", item

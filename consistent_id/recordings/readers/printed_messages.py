@@ -114,17 +114,23 @@ def _with_header(first: Sequence[str], second: Sequence[str]) -> NamedColumns | 
     joints = tuple(second[k] for k in places)
     if not joints or any(not j or is_float(j) for j in joints):
         return None
-    found = [_PLACE.fullmatch(name) for name in first]
-    named = {m["number"]: second[k] for k in places if (m := found[k]) is not None}
+    places_of: dict[str, dict[str, str]] = defaultdict(dict)
+    for k in places:
+        if (match := _PLACE.fullmatch(first[k])) is not None:
+            places_of[match["stem"]][match["number"]] = second[k]
+    # Other messages' columns are of others: of one list, all of its message are named.
+    ends = r"[^./]*$" if len(places_of) == 1 else r"(?:joint_?)?names?$"
+    messages = {re.sub(ends, "", stem): named for stem, named in places_of.items()}
     groups: dict[tuple[str, str], dict[str, int]] = defaultdict(dict)
-    for k, match in enumerate(found):
-        if match is not None and k not in places:
+    for k, name in enumerate(first):
+        if (match := _PLACE.fullmatch(name)) is not None and k not in places:
             groups[match["stem"], match["mark"]][match["number"]] = k
     names = list(first)
     for (stem, _), numbers in groups.items():
-        if numbers.keys() == named.keys():  # one of each joint
-            for number, k in numbers.items():
-                names[k] = f"{stem}.{named[number]}"
+        message = max(filter(stem.startswith, messages), key=len, default=None)
+        if message is not None and numbers.keys() == messages[message].keys():
+            for number, k in numbers.items():  # one of each joint
+                names[k] = f"{stem}.{messages[message][number]}"
     if names == list(first):
         return None
     return NamedColumns(tuple(names), joints, is_row=False)

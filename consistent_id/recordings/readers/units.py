@@ -155,7 +155,6 @@ _CLOCKS += (
     "zeitinsec",
     "elapsed",
     "elapsed_time",
-    "temps",
     "时间",
     "時間",
     "時刻",
@@ -163,6 +162,7 @@ _CLOCKS += (
 )
 
 
+_RARE_CLOCKS = ("temps",)  # or temperatures
 _RATE = re.compile(r"(?P<rate>\d+(?:\.\d+)?(?:e\d+)?) ?hz", re.IGNORECASE)
 _AND = " + "  # between the columns of a clock
 _FRACTIONS = {
@@ -387,25 +387,33 @@ def is_time(name: str) -> bool:
     >>> is_time("Time [ms]"), is_time("state.time"), is_time("time_left")
     (True, True, False)
     """
+    return _is_one_of(name, _CLOCKS)
+
+
+def _is_one_of(name: str, clocks: Collection[str]) -> bool:
     last = name.strip().lower().replace("/", ".").rpartition(".")[2].lstrip("_")
     bare = _UNIT_OF_TIME.sub("", last.replace("_", " ")).replace(" ", "_")
-    return last in _CLOCKS or bare in _CLOCKS
+    return last in clocks or bare in clocks
 
 
 def named_clocks(names: Collection[str]) -> list[str]:
     """Return the names of clocks in one column.
 
-    Those in minutes, hours or days may be of another thing, such as a minimum: they
-    count only if there is no other, in one column or in two.
+    Those in minutes, hours or days may be of another thing, such as a minimum, and so
+    may ``temps``: they count only if there is no other, in one column or in two.
 
     Examples
     --------
     >>> named_clocks(["t_min", "timestamp", "q1"]), named_clocks(["t_min", "q1"])
     (['timestamp'], ['t_min'])
+    >>> named_clocks(["timestamp", "temps"]), named_clocks(["temps", "q1"])
+    (['timestamp'], ['temps'])
     """
     found = [name for name in names if is_time(name)]
     usual = [name for name in found if unit_of_a_name("time", name) not in _SLOW]
-    return usual or ([] if split_clock(names) else found)
+    if usual or split_clock(names):
+        return usual
+    return found or [name for name in names if _is_one_of(name, _RARE_CLOCKS)]
 
 
 def clock_columns(name: str) -> tuple[str, ...]:
