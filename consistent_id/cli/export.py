@@ -177,12 +177,21 @@ class _Page(NamedTuple):
 def _commands(chosen: _Chosen, form: str, delay: float) -> tuple[str, ...]:
     """Return the commands that drives take beside that of position, if logs are known.
 
-    They are needed only where drives are written.
+    They are needed only where drives are written, whose note names them.
     """
-    problem = chosen.problem
-    if form != "mjcf" or delay == 0.0 or chosen.gains is None or problem is None:
+    from consistent_id.errors import ConsistentIdError
+
+    if form != "mjcf" or delay == 0.0 or chosen.gains is None:
         return ()
-    logs = problem.logs("training") or problem.logs("validation")
+    try:
+        problem = chosen.problem
+        if problem is None and chosen.results is not None:
+            problem = chosen.results.problem
+        if problem is None:
+            return ()
+        logs = problem.logs("training") or problem.logs("validation")
+    except ConsistentIdError:  # logs of results may be gone
+        return ()
     return tuple(
         name
         for name in ("velocity", "torque")
@@ -262,7 +271,8 @@ def _read_back(chosen: _Chosen, page: _Page) -> list[str]:
     problem, gains = chosen.problem, chosen.gains
     if problem is None or gains is None or find_spec("mujoco") is None:
         return []
-    from consistent_id.rollout.commanded_motion import RobotFile, error_lines
+    from consistent_id.rollout.commanded_motion import error_lines
+    from consistent_id.rollout.replay_model import RobotFile
 
     joints, locked = problem.model.robot.joint_names, problem.table.model.locked
     logs = problem.logs("validation") or problem.logs("training")

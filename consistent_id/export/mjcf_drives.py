@@ -48,12 +48,27 @@ class DelayedDrives:
         Of all commands; more than 0.
     further : tuple of str
         Those of `FURTHER` that the drives take; others are zero.
+
+    Raises
+    ------
+    ModelError
+        If the delay is not positive, or there are no such commands.
     """
 
     joints: tuple[str, ...]
     gains: PDGains
     delay: float
     further: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.delay < np.inf:
+            raise ModelError(f"delay of commands is {self.delay} s, expected 0 or more")
+        unknown = sorted(set(self.further) - set(FURTHER))
+        if unknown:
+            raise ModelError(
+                f"commands beside position are {', '.join(self.further)}, expected "
+                f"some of {', '.join(FURTHER)}"
+            )
 
     def samples(self, step: float) -> int:
         """Return how many samples hold the delay at a time step [s]."""
@@ -102,8 +117,8 @@ def _written(
             "control each, in the same order, can be replaced"
         )
     option = {"timestep": number(step), "integrator": "implicitfast"}
-    place = _Places(document, model, elements)
-    lines = _Lines(drives, step)
+    place = _ActuatedFile(document, model, elements)
+    lines = _DriveLines(drives, step)
     edits = [
         *set_section(document, "option", option),
         *_actuators(place, lines),
@@ -126,7 +141,7 @@ def _note(drives: DelayedDrives, step: float) -> str:
     )
 
 
-class _Places(NamedTuple):
+class _ActuatedFile(NamedTuple):
     """A file's text, its compiled model, and its actuators in the model's order."""
 
     document: XmlText
@@ -167,7 +182,7 @@ class _Places(NamedTuple):
         return gear * found
 
 
-class _Lines(NamedTuple):
+class _DriveLines(NamedTuple):
     """Writes the elements of drives."""
 
     drives: DelayedDrives
@@ -203,7 +218,7 @@ class _Lines(NamedTuple):
         )
 
 
-def _actuators(place: _Places, lines: _Lines) -> list[Edit]:
+def _actuators(place: _ActuatedFile, lines: _DriveLines) -> list[Edit]:
     """Return edits that replace a joint's actuator, remove others, and add the rest."""
     document, drives = place.document, lines.drives
     edits, added = list[Edit](), list[str]()
@@ -243,7 +258,7 @@ def _encoded(text: str) -> bytes:
     return text.encode("ascii", "xmlcharrefreplace")
 
 
-def _limits(place: _Places, drives: DelayedDrives) -> list[Edit]:
+def _limits(place: _ActuatedFile, drives: DelayedDrives) -> list[Edit]:
     """Return edits that limit the sum of a joint's actuators, where it has several."""
     if not drives.further:
         return []
@@ -260,7 +275,7 @@ def _limits(place: _Places, drives: DelayedDrives) -> list[Edit]:
     return edits
 
 
-def _keyframes(place: _Places, drives: DelayedDrives) -> list[Edit]:
+def _keyframes(place: _ActuatedFile, drives: DelayedDrives) -> list[Edit]:
     """Return edits that command the joints of keyframes to stay where they are."""
     root, model = place.document.root, place.model
     keys = [key for s in root.all("keyframe") for key in s.all("key")]

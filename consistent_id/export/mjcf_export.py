@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.given_values import require_type
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.export_formats import (
@@ -272,7 +273,7 @@ def to_mjcf(
         Whether meshes and textures are to be copied there, too.
     gains : PDGains, optional
         Gains of PD-controlled joints.  With a delay, a second file beside the first has
-        these drives as actuators whose commands are late; see `DelayedDrives`.
+        these drives as actuators whose commands are late.
     delay : float, [s]
         Delay of commands.
     commands : tuple of str
@@ -284,8 +285,8 @@ def to_mjcf(
     Raises
     ------
     ModelError
-        If MuJoCo is not installed or refuses the result, or `source` is not the
-        model's.
+        If MuJoCo is not installed or refuses the result, `source` is not the model's,
+        the delay is negative, or `commands` are unknown.
     ProblemError
         If the estimate is refused.
 
@@ -323,6 +324,7 @@ def to_mjcf(
         raise ModelError(f"MuJoCo refuses the estimate: {cause}") from None
     if gains is None or delay == 0.0:
         return made
+    require_type(gains, PDGains, "gains")
     joints = estimate.model.robot.joint_names
     drives = DelayedDrives(joints, gains.of(len(joints)), delay, commands)
     return _with_drives(made, drives, source)

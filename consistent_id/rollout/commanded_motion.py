@@ -5,10 +5,10 @@ exported file lacks what its format cannot express; so its error is another one 
 that of the estimate in it, and it is read back to compute it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +21,13 @@ from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.recordings.signals import PDGains, resampled
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
 from consistent_id.rollout.drives_replay import drives_error
-from consistent_id.rollout.replay_model import ReplayModel, deflect, quiet, replay_model
+from consistent_id.rollout.replay_model import (
+    ReplayModel,
+    RobotFile,
+    deflect,
+    quiet,
+    replay_model,
+)
 
 _FIRST = 5  # samples whose mean acceleration says how far springs are deflected
 
@@ -273,24 +279,6 @@ class FileError:
             "late = collections.deque([command] * (n + 1), maxlen=n + 1); in each step "
             "late.append(command), and give late[0] to the drive",
         ]
-
-
-class RobotFile(NamedTuple):
-    """A robot's file as MuJoCo reads it back.
-
-    Parameters
-    ----------
-    path : Path
-        MJCF or URDF.
-    joints : sequence of str
-        Joints that the drives move.
-    locked : mapping of str to float, [rad or m]
-        Positions of the others; zero where none is given.
-    """
-
-    path: Path
-    joints: Sequence[str]
-    locked: Mapping[str, float]
 
 
 def file_error(

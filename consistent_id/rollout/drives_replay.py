@@ -6,7 +6,7 @@ is fixed, unused joints are at their locked positions, and there are no contacts
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +15,10 @@ from consistent_id.errors import RecordingError
 from consistent_id.export.mjcf_bodies import require_mujoco
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.robot.loaders import mjcf_spec
-from consistent_id.rollout.replay_model import hold_others, quiet
-
-if TYPE_CHECKING:
-    from consistent_id.rollout.commanded_motion import RobotFile
+from consistent_id.rollout.replay_model import RobotFile, hold_others, quiet
 
 
-def drives_error(robot: "RobotFile", logs: Sequence[Recording]) -> float:
+def drives_error(robot: RobotFile, logs: Sequence[Recording]) -> float:
     """Return the root-mean-square error of a file that has drives, [rad or m].
 
     Parameters
@@ -43,7 +40,7 @@ def drives_error(robot: "RobotFile", logs: Sequence[Recording]) -> float:
     return float(np.sqrt((np.vstack(errors) ** 2).mean()))
 
 
-def _compiled(robot: "RobotFile") -> Any:
+def _compiled(robot: RobotFile) -> Any:
     mujoco = require_mujoco()
     spec = mjcf_spec.read_spec(robot.path, mujoco)
     others = [a for a in spec.actuators if a.target not in robot.joints]
@@ -55,7 +52,7 @@ def _compiled(robot: "RobotFile") -> Any:
     return spec.compile()
 
 
-def _errors(compiled: Any, robot: "RobotFile", log: Recording) -> Matrix:
+def _errors(compiled: Any, robot: RobotFile, log: Recording) -> Matrix:
     """Return the motion's position less that of a log, shape (samples, joints)."""
     from mujoco import rollout
 
@@ -89,7 +86,7 @@ def _errors(compiled: Any, robot: "RobotFile", log: Recording) -> Matrix:
 
 
 def _controls(
-    compiled: Any, robot: "RobotFile", log: Recording, step: float, steps: int
+    compiled: Any, robot: RobotFile, log: Recording, step: float, steps: int
 ) -> Matrix:
     """Return the commands that are valid in each step, for each of the actuators."""
     at = log.time[0] + np.arange(steps) * step
@@ -99,6 +96,8 @@ def _controls(
     for k in range(compiled.nu):
         joint = compiled.joint(int(compiled.actuator_trnid[k][0])).name
         kind = compiled.actuator(k).name.removeprefix(f"{joint} ")
+        if compiled.actuator_biasprm[k].any():  # feedback: the drive, of any name
+            kind = "position"
         commands = further.get(kind, log.position_command)
         if commands is not None:
             control[:, k] = commands[samples, robot.joints.index(joint)]

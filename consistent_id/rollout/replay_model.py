@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
@@ -82,6 +82,24 @@ class ReplayModel:
     gains: PDGains
     positions: IntArray
     velocities: IntArray
+
+
+class RobotFile(NamedTuple):
+    """A robot's file as MuJoCo reads it back.
+
+    Parameters
+    ----------
+    path : Path
+        MJCF or URDF.
+    joints : sequence of str
+        Joints that the drives move.
+    locked : mapping of str to float, [rad or m]
+        Positions of the others; zero where none is given.
+    """
+
+    path: Path
+    joints: Sequence[str]
+    locked: Mapping[str, float]
 
 
 class _WarningsOff:

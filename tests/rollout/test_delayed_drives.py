@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from estimates import estimate_of
 
-from consistent_id import DriveTerms, Recording, TorqueModel, to_mjcf
+from consistent_id import DriveTerms, ModelError, Recording, TorqueModel, to_mjcf
 from consistent_id.cli import main
 from consistent_id.export.actuator_config import readme
 from consistent_id.export.export_formats import exported
@@ -21,10 +21,10 @@ from commanded_leg import PROBLEM, write_leg  # noqa: E402
 
 from consistent_id.rollout import replay, replay_model  # noqa: E402
 from consistent_id.rollout.commanded_motion import (  # noqa: E402
-    RobotFile,
     file_error,
 )
 from consistent_id.rollout.drives_replay import drives_error  # noqa: E402
+from consistent_id.rollout.replay_model import RobotFile  # noqa: E402
 
 DELAY = 0.0134
 GAINS = PDGains(40.0, 2.0)
@@ -224,6 +224,22 @@ def test_of_several_commands_the_sum_is_limited(leg, tmp_path):
         assert model.actuator_delay[k] == DELAY
         assert model.actuator_gainprm[k][0] == 1.0
         assert not model.actuator_biasprm[k].any()
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"delay": -1e-3}, r"delay of commands is -0.001 s, expected 0 or more"),
+        ({"delay": np.nan}, "delay of commands is nan"),
+        ({"commands": ("effort",)}, "are effort, expected some of velocity, torque"),
+    ],
+)
+def test_what_is_no_delay_and_no_command_is_refused(tmp_path, given, why):
+    file = tmp_path / "leg.xml"
+    file.write_text(LEG.format(more=""))
+    stated = {"gains": GAINS, "delay": DELAY, **given}
+    with pytest.raises(ModelError, match=why):
+        to_mjcf(estimate(file), file, allow_refused=True, **stated)
 
 
 @pytest.mark.parametrize(
