@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from consistent_id.cli.answers import Answer
 from consistent_id.cli.options import ACCEPT, WRITES, Option, add_command
@@ -136,14 +136,17 @@ def _export(options: argparse.Namespace) -> Answer:
         copy_files=options.copy_files,
         gains=chosen.gains,
         delay=delay,
+        commands=_commands(chosen, options.format, delay),
     )
     written = None if options.dry_run else export.save(options.output)
     more = chosen.estimate.notes
     cost, errors = _torque_error(chosen, options.format, source)
     if written is not None:
-        errors += _read_back(chosen, options.format, written, delay)
-        said = (*errors, *export.notes)
-        record["readme"] = _readme(chosen, options.format, written, said, delay)
+        page = _Page(options.format, written, delay, None)
+        if options.format == "mjcf" and export.side is not None:
+            page = page._replace(drives=written.with_suffix(export.side.suffix))
+        errors += _read_back(chosen, page)
+        record["readme"] = _readme(chosen, page, (*errors, *export.notes))
         record["files"] = [*map(str, export.paths(written)), record["readme"]]
     beside = [*errors, *chosen.stated, *export.notes, *more]
     record |= {"format": export.format, "notes": beside}
@@ -162,16 +165,56 @@ def _export(options: argparse.Namespace) -> Answer:
     return Answer(0, "\n".join([*lines, last]), record)
 
 
-def _readme(
-    chosen: _Chosen, form: str, written: Path, said: Sequence[str], delay: float
-) -> str:
+class _Page(NamedTuple):
+    """A file that was written, the delay of commands [s], and a file that has it."""
+
+    form: str
+    written: Path
+    delay: float
+    drives: Path | None
+
+
+def _commands(chosen: _Chosen, form: str, delay: float) -> tuple[str, ...]:
+    """Return the commands that drives take beside that of position, if logs are known.
+
+    They are needed only where drives are written, whose note names them.
+    """
+    from consistent_id.errors import ConsistentIdError
+
+    if form != "mjcf" or delay == 0.0 or chosen.gains is None:
+        return ()
+    try:
+        problem = chosen.problem
+        if problem is None and chosen.results is not None:
+            problem = chosen.results.problem
+        if problem is None:
+            return ()
+        logs = problem.logs("training") or problem.logs("validation")
+    except ConsistentIdError:  # logs of results may be gone
+        return ()
+    return tuple(
+        name
+        for name in ("velocity", "torque")
+        if any(getattr(log, f"{name}_command") is not None for log in logs)
+    )
+
+
+def _readme(chosen: _Chosen, page: _Page, said: Sequence[str]) -> str:
     """Write what users of a written file have to know; return the name of that file."""
     from consistent_id._support.files import write_atomically
     from consistent_id.export.actuator_config import readme
 
-    page = readme(chosen.estimate, form, written.name, tuple(said), delay=delay)
-    beside_it = written.with_name(f"{written.name}{page.suffix}")
-    return str(write_atomically(beside_it, page.content))
+    form, written, delay, drives = page
+    text = readme(
+        chosen.estimate,
+        form,
+        written.name,
+        tuple(said),
+        delay=delay,
+        drives=None if drives is None else drives.name,
+    )
+    beside_it = written.with_name(f"{written.name}{text.suffix}")
+    return str(write_atomically(beside_it, text.content))
 
 
 def _refused(verdict: "Verdict", record: dict[str, Any]) -> Answer:
@@ -221,18 +264,21 @@ def _torque_error(
     return asdict(cost), [str(cost)]
 
 
-def _read_back(chosen: _Chosen, form: str, file: Path, delay: float) -> list[str]:
+def _read_back(chosen: _Chosen, page: _Page) -> list[str]:
     """Return sentences on the rollout error of a file that was written."""
     from importlib.util import find_spec
 
     problem, gains = chosen.problem, chosen.gains
     if problem is None or gains is None or find_spec("mujoco") is None:
         return []
-    from consistent_id.rollout.commanded_motion import RobotFile, error_lines
+    from consistent_id.rollout.commanded_motion import error_lines
+    from consistent_id.rollout.replay_model import RobotFile
 
     joints, locked = problem.model.robot.joint_names, problem.table.model.locked
     logs = problem.logs("validation") or problem.logs("training")
-    return error_lines(form, RobotFile(file, joints, locked), logs, gains, delay=delay)
+    form, written, delay, drives = page
+    robot = RobotFile(written, joints, locked)
+    return error_lines(form, robot, logs, gains, delay=delay, drives=drives)
 
 
 def _chosen(options: argparse.Namespace) -> _Chosen:

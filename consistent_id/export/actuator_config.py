@@ -116,6 +116,29 @@ numpy` writes a function with all terms.
 | joint | coefficient | value | torque |
 |---|---|---|---|"""
 
+_IN_FILE = """
+
+## Delay of the commands: {ms:.3g} ms
+
+`{drives}` is the same robot with its PD drives and this delay, in place of its own
+actuators: the commands are `data.ctrl`, as the robot's own are. MuJoCo begins with
+commands of zero; let it begin with the first command:
+
+```python
+import numpy as np
+
+mujoco.mj_resetData(model, data)
+for k in np.flatnonzero(model.actuator_delay):
+    late = np.full((model.actuator_history[k][0], 1), command[k])
+    mujoco.mj_initCtrlHistory(model, data, k, None, late)
+```
+
+The file has a short time step, for which `nsample` holds the delay. With a shorter one,
+raise `nsample` above the delay over the step: MuJoCo takes a buffer that is too short
+in silence. With a longer one, errors by the step grow, and a delay below one step acts
+as one step.
+"""
+
 _DELAY = """
 
 ## Delay of the commands: {ms:.3g} ms
@@ -132,11 +155,13 @@ late.append(command)
 data.ctrl[:] = late[0]
 mujoco.mj_step(model, data)
 ```
+"""
 
+_ELSEWHERE = """
 Isaac Lab: `DelayedPDActuatorCfg` with `min_delay` and `max_delay` both
 `round({delay:g} / physics_dt)`, as `consistent-id export --format isaaclab` writes it.
 mjlab: `DelayedActuatorCfg`, as `--format mjlab` writes it. Other simulators: keep the
-last commands in a buffer, as above."""
+last commands in a buffer."""
 
 
 @exporter("isaaclab")
@@ -257,6 +282,7 @@ def readme(
     notes: Sequence[str] = (),
     *,
     delay: float = 0.0,
+    drives: str | None = None,
 ) -> SideFile:
     """Return the page beside an exported file: what the file lacks, and how to add it.
 
@@ -270,6 +296,8 @@ def readme(
         Sentences on its error and its contents.
     delay : float, [s]
         Delay of commands; it is part of the formats that take gains.
+    drives : str, optional
+        Name of a file beside it that has drives with this delay.
     """
     known = next(entry for entry in EXPORT_FORMATS if entry.name == form)
     rows = "".join(_missing(estimate, known))
@@ -280,9 +308,15 @@ def readme(
         content=known.content,
         notes="\n".join(f"- {note}" for note in notes) or "None.",
         terms=f"{_TERMS}{rows}" if rows else _NO_TERMS,
-        delay=_DELAY.format(delay=delay, ms=1e3 * delay) if late else "",
+        delay=_late(delay, drives) if late else "",
     )
     return SideFile(".README.md", text.encode())
+
+
+def _late(delay: float, drives: str | None) -> str:
+    """Return how commands are delayed: by a file that has it, or by the user."""
+    here = _DELAY if drives is None else _IN_FILE
+    return (here + _ELSEWHERE).format(delay=delay, ms=1e3 * delay, drives=drives)
 
 
 def _missing(estimate: Estimate, known: ExportFormat) -> Iterator[str]:

@@ -50,6 +50,8 @@ class ExportFormat:
         Whether that file refers to others, so that it matters where it is written.
     takes_gains : bool
         Whether gains and delay of PD-controlled joints are part of it.
+    has_drives : bool
+        Whether gains and a delay become a further file beside it.
     holds : tuple of str, optional
         Parameters of simulators (``damping``, ``friction``, ``armature``,
         ``stiffness``) and further drive terms that it has, or that the file has which
@@ -66,6 +68,7 @@ class ExportFormat:
     takes_source: bool = False
     has_assets: bool = False
     takes_gains: bool = False
+    has_drives: bool = False
     holds: tuple[str, ...] | None = None
     lean: bool = False
 
@@ -92,6 +95,7 @@ EXPORT_FORMATS = (
         floating=True,
         takes_source=True,
         has_assets=True,
+        has_drives=True,
         holds=(*_MJCF, *_GEARS),
         lean=True,
     ),
@@ -221,6 +225,7 @@ def exported(
     copy_files: bool = False,
     gains: "PDGains | None" = None,
     delay: float = 0.0,
+    commands: tuple[str, ...] = (),
     allow_refused: bool = False,
 ) -> "Export":
     """Return an estimate in a format.
@@ -239,6 +244,9 @@ def exported(
         Gains of PD-controlled joints.
     delay : float, [s]
         Delay of their commands.
+    commands : tuple of str
+        ``velocity`` and ``torque``, if the joints take such commands beside those of
+        position.
 
     Raises
     ------
@@ -257,7 +265,9 @@ def exported(
         options["source"] = source
         if known.has_assets:
             options |= {"folder": folder, "copy_files": copy_files}
-    if known.takes_gains:
+    if known.has_drives:
+        options["commands"] = commands
+    if known.takes_gains or known.has_drives:
         options |= {"gains": gains, "delay": delay}
     module = import_module(f"consistent_id.export.{known.module}")
     function = getattr(module, known.function)

@@ -13,6 +13,7 @@ Coulomb friction of the sum is the tendon's own.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.given_values import require_type
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.export_formats import (
@@ -48,7 +50,13 @@ from consistent_id.export.mjcf_bodies import (
     set_body,
     spec_tree,
 )
-from consistent_id.export.mjcf_in_place import exact_xml, put_in_place
+from consistent_id.export.mjcf_drives import DelayedDrives, drives_file
+from consistent_id.export.mjcf_in_place import (
+    compiled_content,
+    exact_xml,
+    put_in_place,
+)
+from consistent_id.recordings.signals import PDGains
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.mjcf import quaternion_matrix
 from consistent_id.robot.model import Joint, Mimic
@@ -236,6 +244,9 @@ def to_mjcf(
     *,
     folder: str | Path | None = None,
     copy_files: bool = False,
+    gains: PDGains | None = None,
+    delay: float = 0.0,
+    commands: tuple[str, ...] = (),
     allow_refused: bool = False,
 ) -> Export:
     """Return MJCF with explicit inertials, armature, damping, friction loss, springs.
@@ -255,14 +266,22 @@ def to_mjcf(
         to be found; the source's own by default.
     copy_files : bool
         Whether meshes and textures are to be copied there, too.
+    gains : PDGains, optional
+        Gains of PD-controlled joints.  With a delay, a second file beside the first has
+        these drives as actuators whose commands are late.
+    delay : float, [s]
+        Delay of commands.
+    commands : tuple of str
+        ``velocity`` and ``torque``, if the joints take such commands beside those of
+        position.
     allow_refused : bool
         Export refused estimates, too; MuJoCo does not accept all of them.
 
     Raises
     ------
     ModelError
-        If MuJoCo is not installed or refuses the result, or `source` is not the
-        model's.
+        If MuJoCo is not installed or refuses the result, `source` is not the model's,
+        the delay is negative, or `commands` are unknown.
     ProblemError
         If the estimate is refused.
 
@@ -291,12 +310,30 @@ def to_mjcf(
         if source is not None:
             place = None if folder is None else Path(folder)
             done = put_in_place(spec, Path(source), line, place, copy_files)
-            return Export("mjcf", done.content, (*notes, *done.notes), done.files)
-        text = exact_xml(spec)
+            made = Export("mjcf", done.content, (*notes, *done.notes), done.files)
+        else:
+            comment = comment_text(line).encode("ascii", "replace")
+            text = b"<!-- " + comment + b" -->\n" + exact_xml(spec)
+            made = Export("mjcf", text, notes)
     except (ValueError, mujoco.FatalError) as cause:
         raise ModelError(f"MuJoCo refuses the estimate: {cause}") from None
-    comment = comment_text(line).encode("ascii", "replace")
-    return Export("mjcf", b"<!-- " + comment + b" -->\n" + text, notes)
+    if gains is None or delay == 0.0:
+        return made
+    require_type(gains, PDGains, "gains")
+    joints = estimate.model.robot.joint_names
+    drives = DelayedDrives(joints, gains.of(len(joints)), delay, commands)
+    return _with_drives(made, drives, source)
+
+
+def _with_drives(
+    made: Export, drives: DelayedDrives, source: str | Path | None
+) -> Export:
+    """Return an export with a file of drives beside it, or a note why there is none."""
+    place = None if source is None else Path(source)
+    side, note = drives_file(
+        made.content, lambda content: compiled_content(content, place), drives
+    )
+    return replace(made, side=side, notes=(*made.notes, note))
 
 
 @exporter("mjcf")

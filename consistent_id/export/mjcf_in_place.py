@@ -222,20 +222,32 @@ def _rewritten(
     return InPlace(b"<!-- " + line + b" -->\n" + exact_xml(spec), files, (note,))
 
 
-def _require_same(content: bytes, after: Any, source: Path) -> None:
-    """Refuse to hand out a file that MuJoCo would read as another robot."""
+def compiled_content(content: bytes, source: Path | None = None) -> Any:
+    """Return the ``mujoco.MjModel`` of a file's content, with the source's meshes.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo refuses it.
+    """
     mujoco = require_mujoco()
-    original = read_spec(source)[0].compiler
     try:
         spec = mujoco.MjSpec.from_string(content.decode())
         spec.compiler.fusestatic = False
-        for name in ("meshdir", "texturedir"):
-            place = (source.parent / getattr(original, name)).resolve()
-            setattr(spec.compiler, name, str(place))
-        stand_in(spec, source, mujoco)
-        found = spec.compile()
+        if source is not None:
+            original = read_spec(source)[0].compiler
+            for name in ("meshdir", "texturedir"):
+                place = (source.parent / getattr(original, name)).resolve()
+                setattr(spec.compiler, name, str(place))
+            stand_in(spec, source, mujoco)
+        return spec.compile()
     except (ValueError, mujoco.FatalError) as cause:
         raise ModelError(f"MuJoCo refuses the estimate: {cause}") from None
+
+
+def _require_same(content: bytes, after: Any, source: Path) -> None:
+    """Refuse to hand out a file that MuJoCo would read as another robot."""
+    found = compiled_content(content, source)
     for name in ("bodies", *_READ_BACK):
         one, other = (
             _bodies_of(model) if name == "bodies" else getattr(model, name, np.zeros(0))

@@ -1,15 +1,14 @@
 """One model's motion under the commands of a log.
 
 Commands are constant between samples, delayed, and averaged over each time step.  An
-exported file lacks what its format cannot express, such as the delay of commands; so
-its error is another one than that of the estimate in it, and it is read back to compute
-it.
+exported file lacks what its format cannot express; so its error is another one than
+that of the estimate in it, and it is read back to compute it.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,14 @@ from consistent_id.export.mjcf_bodies import require_mujoco
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.recordings.signals import PDGains, resampled
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
-from consistent_id.rollout.replay_model import ReplayModel, deflect, quiet, replay_model
+from consistent_id.rollout.drives_replay import drives_error
+from consistent_id.rollout.replay_model import (
+    ReplayModel,
+    RobotFile,
+    deflect,
+    quiet,
+    replay_model,
+)
 
 _FIRST = 5  # samples whose mean acceleration says how far springs are deflected
 
@@ -238,11 +244,17 @@ class FileError:
     delayed : float
         With the delay of commands, which the file does not have.
     delay : float, [s]
+    drives : str, optional
+        Name of a file beside it that has drives with the delay.
+    of_drives : float, optional
+        Error of that file.
     """
 
     plain: float
     delayed: float
     delay: float
+    drives: str | None = None
+    of_drives: float | None = None
 
     def lines(self) -> list[str]:
         """Return the error and how to add the delay, for people."""
@@ -253,31 +265,20 @@ class FileError:
         if self.delay == 0.0:
             return [plain]
         ms = 1e3 * self.delay
+        late = f"{plain}; {1e3 * self.delayed:.2f} with commands {ms:.2f} ms late"
+        if self.of_drives is not None:
+            return [
+                late,
+                f"rollout error of {self.drives}, read back, with its own drives and "
+                f"delay: {1e3 * self.of_drives:.2f} mrad (mm)",
+            ]
         return [
-            f"{plain}; {1e3 * self.delayed:.2f} with commands {ms:.2f} ms late",
+            late,
             "the file has no delay of commands; in Python: "
             f"n = round({self.delay:g} / model.opt.timestep); "
             "late = collections.deque([command] * (n + 1), maxlen=n + 1); in each step "
             "late.append(command), and give late[0] to the drive",
         ]
-
-
-class RobotFile(NamedTuple):
-    """A robot's file as MuJoCo reads it back.
-
-    Parameters
-    ----------
-    path : Path
-        MJCF or URDF.
-    joints : sequence of str
-        Joints that the drives move.
-    locked : mapping of str to float, [rad or m]
-        Positions of the others; zero where none is given.
-    """
-
-    path: Path
-    joints: Sequence[str]
-    locked: Mapping[str, float]
 
 
 def file_error(
@@ -286,6 +287,7 @@ def file_error(
     gains: PDGains,
     *,
     delay: float = 0.0,
+    drives: Path | None = None,
 ) -> FileError:
     """Return the error of a file's rollouts, read back from where it was written.
 
@@ -296,6 +298,8 @@ def file_error(
         With commands, as they were logged.
     delay : float, [s]
         Delay of commands.
+    drives : Path, optional
+        The same robot with drives that have gains and delay.
 
     Raises
     ------
@@ -314,7 +318,11 @@ def file_error(
         return float(np.sqrt((np.vstack(errors) ** 2).mean()))
 
     plain = error(0.0)
-    return FileError(plain, error(delay) if delay else plain, delay)
+    found = FileError(plain, error(delay) if delay else plain, delay)
+    if drives is None:
+        return found
+    own = drives_error(robot._replace(path=drives), known)
+    return replace(found, drives=drives.name, of_drives=own)
 
 
 def error_lines(
@@ -324,12 +332,13 @@ def error_lines(
     gains: PDGains,
     *,
     delay: float,
+    drives: Path | None = None,
 ) -> list[str]:
     """Return sentences on the error of a written file; a reason if there is none."""
     if form not in FILES:
         return []
     try:
-        found = file_error(robot, logs, gains, delay=delay)
+        found = file_error(robot, logs, gains, delay=delay, drives=drives)
     except ConsistentIdError as cause:
         return [f"the rollout error of the file is not known: {cause}"]
     return found.lines()

@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
@@ -82,6 +82,24 @@ class ReplayModel:
     gains: PDGains
     positions: IntArray
     velocities: IntArray
+
+
+class RobotFile(NamedTuple):
+    """A robot's file as MuJoCo reads it back.
+
+    Parameters
+    ----------
+    path : Path
+        MJCF or URDF.
+    joints : sequence of str
+        Joints that the drives move.
+    locked : mapping of str to float, [rad or m]
+        Positions of the others; zero where none is given.
+    """
+
+    path: Path
+    joints: Sequence[str]
+    locked: Mapping[str, float]
 
 
 class _WarningsOff:
@@ -175,7 +193,7 @@ def replay_spec(
         name = Path(robot).name
         spec = mjcf_spec.read_spec(Path(robot), mujoco)
     _strip(spec)
-    _hold(spec, joints, {} if locked is None else locked, name, mujoco)
+    hold_others(spec, joints, {} if locked is None else locked, name)
     _drive(spec, joints, gains.of(len(joints)), mujoco)
     spec.option.timestep = step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -262,14 +280,11 @@ def _strip(spec: Any) -> None:
             spec.delete(item)
 
 
-def _hold(
-    spec: Any,
-    joints: Sequence[str],
-    locked: Mapping[str, float],
-    name: str,
-    mujoco: Any,
+def hold_others(
+    spec: Any, joints: Sequence[str], locked: Mapping[str, float], name: str
 ) -> None:
     """Take out the joints that do not move; their bodies stay where they were."""
+    mujoco = require_mujoco()
     found = spec_tree(spec).joints
     require_known(joints, found, f"{name} has no joint", ModelError)
     followers = {e.name1 for e in spec.equalities if e.type == _joint_equality(mujoco)}
@@ -318,6 +333,7 @@ def _drive(spec: Any, joints: Sequence[str], gains: PDGains, mujoco: Any) -> Non
         drive.gainprm[0] = 1.0
         drive.biasprm[:3] = 0.0, -kp, -kd
         drive.ctrllimited = False
+        drive.delay, drive.nsample = 0.0, 0  # the file's default may have one
         drive.forcelimited = bool(np.isfinite(limit))
         if drive.forcelimited:
             drive.forcerange = [-limit, limit]
