@@ -115,7 +115,8 @@ _GLUED = re.compile(
 )
 
 
-def words(pattern: str) -> set[str]:
+@lru_cache(maxsize=2**15)
+def words(pattern: str) -> frozenset[str]:
     """Return the words of a pattern without the joint, in lower case.
 
     Examples
@@ -128,12 +129,14 @@ def words(pattern: str) -> set[str]:
     rest = _JOINT.sub(" ", pattern).translate(_GREEK)
     lower = rest.lower()
     apart = _GLUED.sub(r"\1 ", HUMP.sub(" ", rest).lower())
-    return {
-        *_LETTERS.findall(lower),
-        *_LETTERS.findall(apart),
-        *_OTHER_LETTERS.findall(lower),
-        *JOINED.findall(lower),
-    }
+    return frozenset(
+        [
+            *_LETTERS.findall(lower),
+            *_LETTERS.findall(apart),
+            *_OTHER_LETTERS.findall(lower),
+            *JOINED.findall(lower),
+        ]
+    )
 
 
 def further_words(pattern: str) -> frozenset[str]:

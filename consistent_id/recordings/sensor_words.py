@@ -146,7 +146,7 @@ def _groups(names: Sequence[str]) -> list[BaseNames]:
     return found
 
 
-def _role(said: set[str], width: int) -> BaseRole | None:
+def _role(said: frozenset[str], width: int) -> BaseRole | None:
     if said & _NOT_OF_A_BASE or said & _LIMBS or said & CONTACTS:
         return None
     for role, phrases in _ROLES.items():

@@ -136,7 +136,7 @@ def _require_own_columns(file: Path, found: Mapping[str, Sequence[str]]) -> None
             seen[name] = role
 
 
-def _fits(role: str, said: set[str]) -> bool:
+def _fits(role: str, said: frozenset[str]) -> bool:
     if role == "position":
         return bool(said & _POSITION) and not said & (_GOAL | _OTHER)
     if role == "goal":
