@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from consistent_id.estimation.verdict import Verdict
     from consistent_id.problems.problem import Problem
     from consistent_id.problems.study import Study
+    from consistent_id.recordings.recording import Recording
     from consistent_id.recordings.signals import PDGains
     from consistent_id.report.results import Results
 
@@ -179,24 +180,34 @@ def _commands(chosen: _Chosen, form: str, delay: float) -> tuple[str, ...]:
 
     They are needed only where drives are written, whose note names them.
     """
-    from consistent_id.errors import ConsistentIdError
-
     if form != "mjcf" or delay == 0.0 or chosen.gains is None:
         return ()
-    try:
-        problem = chosen.problem
-        if problem is None and chosen.results is not None:
-            problem = chosen.results.problem
-        if problem is None:
-            return ()
-        logs = problem.logs("training") or problem.logs("validation")
-    except ConsistentIdError:  # logs of results may be gone
-        return ()
+    _, logs = _logged(chosen)
     return tuple(
         name
         for name in ("velocity", "torque")
         if any(getattr(log, f"{name}_command") is not None for log in logs)
     )
+
+
+def _logged(chosen: _Chosen) -> "tuple[Problem | None, Sequence[Recording]]":
+    """Return the problem and the logs on which errors are measured.
+
+    None if the logs of results are gone.
+    """
+    from consistent_id.errors import ConsistentIdError
+
+    if chosen.results is None:
+        return chosen.problem, [] if chosen.problem is None else _logs(chosen.problem)
+    try:
+        problem = chosen.results.problem
+        return problem, _logs(problem)
+    except ConsistentIdError:
+        return None, ()
+
+
+def _logs(problem: "Problem") -> "Sequence[Recording]":
+    return problem.logs("validation") or problem.logs("training")
 
 
 def _readme(chosen: _Chosen, page: _Page, said: Sequence[str]) -> str:
@@ -268,14 +279,16 @@ def _read_back(chosen: _Chosen, page: _Page) -> list[str]:
     """Return sentences on the rollout error of a file that was written."""
     from importlib.util import find_spec
 
-    problem, gains = chosen.problem, chosen.gains
-    if problem is None or gains is None or find_spec("mujoco") is None:
+    gains = chosen.gains
+    if gains is None or find_spec("mujoco") is None:
+        return []
+    problem, logs = _logged(chosen)
+    if problem is None:
         return []
     from consistent_id.rollout.commanded_motion import error_lines
     from consistent_id.rollout.replay_model import RobotFile
 
     joints, locked = problem.model.robot.joint_names, problem.table.model.locked
-    logs = problem.logs("validation") or problem.logs("training")
     form, written, delay, drives = page
     robot = RobotFile(written, joints, locked)
     return error_lines(form, robot, logs, gains, delay=delay, drives=drives)

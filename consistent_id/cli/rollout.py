@@ -97,17 +97,17 @@ def _rollout(options: argparse.Namespace) -> Answer:
 
 
 def _next(done: "ProblemRollout", options: argparse.Namespace) -> str:
-    """Return the command that writes a file of the replayed estimate, if it is kept."""
-    folder = options.output
-    if folder is None or options.dry_run or not done.estimate.verdict.usable:
+    """Return the command that exports the replayed estimate with its written problem.
+
+    Without chosen settings no problem is written, and what the options state of it is
+    in no file.
+    """
+    folder, kept = options.output, done.settings is not None and done.form is None
+    if folder is None or options.dry_run or not (kept and done.estimate.verdict.usable):
         return ""
     import shlex
 
-    kept = done.settings is not None
-    problem = folder / "problem.toml" if kept else options.problem
-    if not kept and options.log:
-        return ""
-    words = ["consistent-id", "export", str(problem)]
+    words = ["consistent-id", "export", str(folder / "problem.toml")]
     words += ["--estimate", str(_estimate_file(done, folder))]
     words += ["--format", "mjcf", "--output", str(folder / "robot.xml")]
     return f"\n\nnext: {shlex.join(words)}"

@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -406,3 +407,23 @@ def test_friction_is_fitted_again_in_the_form_of_a_format(folder, tmp_path, caps
     assert "in the form of mjcf" in capsys.readouterr().out
     with pytest.raises(ProblemError, match="isaaclab"):
         rollout_of(Study(load_problem(tmp_path)), form="gazebo")
+
+
+@pytest.mark.slow
+def test_the_error_of_a_file_is_printed_at_both_doors(folder, tmp_path, capsys):
+    """From results, too, as long as their log is there."""
+    copy, out = tmp_path / "leg", tmp_path / "out"
+    shutil.copytree(folder, copy)
+    assert main(["identify", str(copy), "--output", str(out)]) == 0
+
+    def errors(source, name):
+        capsys.readouterr()
+        file = str(tmp_path / f"{name}.xml")
+        assert main(["export", str(source), "--format", "mjcf", "--output", file]) == 0
+        said = " ".join(capsys.readouterr().out.split())
+        return re.findall(r"rollout error of the file[^;]*?mrad", said)
+
+    (printed,) = errors(copy, "of_problem")
+    assert errors(out, "of_results") == [printed]
+    (copy / "log.csv").unlink()
+    assert errors(out, "without_log") == []
