@@ -104,7 +104,10 @@ def test_a_file_of_other_parameters_or_of_other_joints_is_refused(tmp_path, part
     name, value = record[part].popitem()
     record[part][f"other {name}"] = value
     file.write_text(json.dumps(record))
-    with pytest.raises(ProblemError, match="its parameters are not those of robot"):
+    with pytest.raises(ProblemError, match=r"not those of robot .* terms$"):
+        Estimate.load(file, estimate.model, estimate.base)
+    (tmp_path / "problem.toml").touch()
+    with pytest.raises(ProblemError, match=r"give the problem beside it, .*\.toml$"):
         Estimate.load(file, estimate.model, estimate.base)
 
 

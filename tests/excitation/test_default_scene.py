@@ -149,7 +149,9 @@ def test_every_distance_is_said_with_its_pairs(tmp_path):
     first, *others = scene.pairs
     said = kept_apart(replace(scene, pairs=(replace(first, wanted=0.0), *others)))[-1]
     several = f"{len(others)} pairs stay" if len(others) > 1 else "1 pair stays"
-    assert said.startswith(f"bodies: {several} 20 mm apart, 1 pair must not touch (")
+    named = " and ".join(scene.names(first))
+    near = f"1 pair must not touch ({named})"
+    assert said.startswith(f"bodies: {several} 20 mm apart, {near}")
     assert f"one joint connects are not checked ({scene.adjacent})" in said
 
 

@@ -58,6 +58,15 @@ def test_a_terminal_has_a_bar(shown, capsys, monkeypatch):
     assert ("0/4" if shown is stages else "3/4") in error
 
 
+def test_work_that_is_done_again_stays_in_the_last_stage(capsys, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    with stages(2, True) as begin:
+        for name in ("one", "two", "two again"):
+            begin(name)
+        begun_so_far = capsys.readouterr().err
+    assert "1/2" in begun_so_far and "2/2" not in begun_so_far
+
+
 def test_what_begins_is_said_at_once(capsys):
     begun("reading log.csv", shown=True)
     begun("reading other.csv", shown=False)
