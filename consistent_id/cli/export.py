@@ -3,7 +3,7 @@
 import argparse
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -159,11 +159,16 @@ def _export(options: argparse.Namespace) -> Answer:
     last = _NOTHING
     if written is not None:
         copies = {str(written.parent / name) for _, name in export.files}
-        named = [name for name in record["files"] if name not in copies]
-        last = f"written: {', '.join(named)}"
-        if copies:
-            last += f"; copied beside it: {len(copies)} of meshes and textures"
+        last = _written(record["files"], copies)
     return Answer(0, "\n".join([*lines, last]), record)
+
+
+def _written(files: Sequence[str], copies: Collection[str]) -> str:
+    """Return the line on files that were written, meshes and textures as a number."""
+    said = f"written: {', '.join(file for file in files if file not in copies)}"
+    if copies:
+        said += f"; copied beside it: {len(copies)} of meshes and textures"
+    return said
 
 
 class _Page(NamedTuple):

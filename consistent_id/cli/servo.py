@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from consistent_id._support.tables import Table
-    from consistent_id.rollout.servo_log import ServoLog
+    from consistent_id.robot.model import RobotModel
+    from consistent_id.rollout.servo_log import ServoLog, ServoSets
     from consistent_id.rollout.servo_result import ServoFit
 
 _RECORD, _MODEL = "servo.json", "servo.xml"
@@ -125,7 +126,6 @@ def _answer(options: argparse.Namespace) -> Answer:
     from consistent_id.robot.model import followers_at
     from consistent_id.rollout.servo_columns import logged_joints
     from consistent_id.rollout.servo_fit import FORMS, identify_servos
-    from consistent_id.rollout.servo_log import read_servo_sets
 
     folder = options.output
     if folder is not None and not options.dry_run:
@@ -135,16 +135,7 @@ def _answer(options: argparse.Namespace) -> Answer:
     logged = logged_joints(options.log[:1], robot.joint_names, columns)
     still = dict.fromkeys(set(robot.joint_names) - set(logged), 0.0)
     robot = load_robot(options.robot, locked=still) if still else robot
-    training, validation = read_servo_sets(
-        options.log,
-        options.validate or (),
-        robot.joint_names,
-        columns=columns,
-        units=options.angles,
-        zero=options.zero or None,
-        times=options.times,
-        full_duty=options.full_duty,
-    )
+    training, validation = _logs(options, robot, columns)
     forms = tuple(FORMS) if options.friction is None else (options.friction,)
     fit = identify_servos(
         robot,
@@ -175,6 +166,24 @@ def _answer(options: argparse.Namespace) -> Answer:
     usable = fit.verdict.usable
     wanted = None if folder is None else write
     return tables_answer(tables, record, usable=usable, write=wanted)
+
+
+def _logs(
+    options: argparse.Namespace, robot: "RobotModel", columns: "Mapping[str, str]"
+) -> "ServoSets":
+    """Read the logs of training and of validation."""
+    from consistent_id.rollout.servo_log import read_servo_sets
+
+    return read_servo_sets(
+        options.log,
+        options.validate or (),
+        robot.joint_names,
+        columns=columns,
+        units=options.angles,
+        zero=options.zero or None,
+        times=options.times,
+        full_duty=options.full_duty,
+    )
 
 
 def _simulator(
