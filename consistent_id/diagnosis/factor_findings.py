@@ -1,7 +1,8 @@
 """Findings about factors of a whole robot: which are named, and what is not known.
 
 A factor is named from three standard errors on (clock and gain: two and a half), and is
-a fault if it is five, or if an estimate that does not know it would be harmful.
+a fault if it is five, or if an estimate that does not know it may be harmful: with a
+factor as large as its size and one standard error.
 """
 
 from collections.abc import Sequence
@@ -81,6 +82,12 @@ class FoundFactor:
         """Size over the cautious error."""
         return abs(self.size) / self.cautious
 
+    @property
+    def may_harm(self) -> float:
+        """Harm of a factor that is larger than its size by one standard error."""
+        size = max(abs(self.size), float(np.finfo(float).tiny))
+        return self.harm * (1.0 + self.error / size) if self.harm else 0.0
+
 
 def factor_findings(
     model: TorqueModel, found: Sequence[FoundFactor]
@@ -103,12 +110,19 @@ def factor_findings(
             f"bodies like the nominal ones explain the log much better {causes} "
             "(standard errors); otherwise, bodies would be "
             f"{_WITHOUT[best.factor.kind]}; an estimate that does not know it would be "
-            f"{best.harm:.0%} off in torque",
+            f"{best.harm:.0%} off in torque{_at_most(best)}",
             _advice(best),
             min(best.ratio / gate_of(best.factor), abs(best.size) / best.factor.least),
             size="" if rivals else _size(best),
         )
     ]
+
+
+def _at_most(found: FoundFactor) -> str:
+    """Return in words that harm is likely only with the standard error."""
+    if not found.harm < HARM <= found.may_harm:
+        return ""
+    return f", or {found.may_harm:.0%} with a standard error more"
 
 
 def _advice(found: FoundFactor) -> str:
@@ -191,14 +205,14 @@ def _hidden(model: TorqueModel, found: FoundFactor) -> str:
 
 
 def _harmful(best: FoundFactor, rivals: Sequence[FoundFactor]) -> bool:
-    """Return whether a cause is likely that makes an estimate harmful.
+    """Return whether a cause is likely that may make an estimate harmful.
 
     A gain of all torques has to be sure, because bodies may all be lighter or heavier:
     right logs of a KUKA show a gain of 0.8 at four standard errors, those of a UR10e
     with a load of stated mass a gain of 1.6.
     """
     gate = _SURE if best.factor.kind == "masses or gain" else gate_of(best.factor)
-    return best.ratio >= gate and max(f.harm for f in (best, *rivals)) >= HARM
+    return best.ratio >= gate and max(f.may_harm for f in (best, *rivals)) >= HARM
 
 
 def _size(found: FoundFactor) -> str:

@@ -16,6 +16,11 @@ from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import brief, some_of
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.constraints.delivered_bodies import LinkCondition, RobotSize
+from consistent_id.estimation.body_reasons import (
+    CONSTRAINED,
+    body_reasons,
+    size_reasons,
+)
 from consistent_id.estimation.drive_ratios import DriveRatios, drive_reasons
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.method import Method
@@ -72,14 +77,6 @@ _WORDS: dict[str, Word] = {
 _SAID = ("hidden factor",)  # findings of which notes are told, too
 _ALIKE = 0.999  # errors that differ by less are printed with the same digits
 _UNSEEN = "some parameters hardly affect the measured torque"
-
-# Inertia about a joint over the most that bodies have within their sizes, and extent of
-# a body over its size.  In clean logs of real arms they are up to 0.7 and 1.9, and 1.4
-# for a Z1 whose torque is computed from commands; for a UR10e whose clock runs at half
-# speed, 2.4-2.9 and 2.1-3.9.
-INERTIA_CARE = 1.5
-INERTIA_REFUSED = 2.0
-EXTENT_CARE = 3.0
 
 
 @brief
@@ -178,8 +175,24 @@ def _of_findings(evidence: Evidence) -> Iterator[Reason]:
         places = dict.fromkeys((finding.recording, finding.where))
         where = ", ".join(place for place in places if place)
         said = f"{where}: {finding.statement}"
+        if word == "use with care" and _mistimed(finding, evidence.fit):
+            word = "do not use"
+            said += "; and the estimate leaves too much of the torque unexplained"
         factor, size = factor_of(finding, evidence.findings)
         yield Reason(finding.kind, word, said, finding.advice, factor, size)
+
+
+def _mistimed(finding: LogFinding, fit: Fit | None) -> bool:
+    """Return whether torque is late or held, and the log is not explained with it.
+
+    A lag is inferred from a fit.  Bodies imitate it, as far as they stay consistent: so
+    others have to explain the log better.  That a torque is held shows in its samples;
+    one in coarse steps has no size, and is not late.
+    """
+    if fit is None or fit.misfit <= MISFIT_CARE:
+        return False
+    held = finding.kind == "torque resolution" and bool(finding.size)
+    return held or (finding.kind == "lag" and fit.excess > EXCESS_CARE)
 
 
 def _of_fit(evidence: Evidence) -> Iterator[Reason]:
@@ -273,21 +286,11 @@ def _worst_joint(evidence: Evidence) -> tuple[str, float]:
 
 
 def _of_bodies(evidence: Evidence) -> Iterator[Reason]:
-    advice = "use a constrained estimate: all its links are physically consistent"
     if evidence.impossible:
-        yield Reason("impossible robot", "do not use", evidence.impossible, advice)
-    wrong = [link.link for link in evidence.links if not link.consistent]
-    if wrong:
-        said = f"not physically consistent: {some_of(wrong)}"
-        yield Reason("inconsistent bodies", "do not use", said, advice)
-    empty = [k.link for k in evidence.links if k.consistent and k.massless]
-    if empty:
-        yield Reason(
-            "vanishing mass",
-            "do not use",
-            f"estimated without mass: {some_of(empty)}",
-            "state masses of the datasheet ([constraints] masses), or mass bounds",
-        )
+        said = evidence.impossible
+        yield Reason("impossible robot", "do not use", said, CONSTRAINED)
+    yield from body_reasons(evidence.links)
+    wrong = any(not link.consistent for link in evidence.links)
     least = evidence.least_mass_eigenvalue
     if least <= 0.0 and not wrong:
         yield Reason(
@@ -301,40 +304,9 @@ def _of_bodies(evidence: Evidence) -> Iterator[Reason]:
 def _of_size(evidence: Evidence) -> Iterator[Reason]:
     """Compare the inertia about joints, and the bodies, with the robot's geometry."""
     size, fit = evidence.size, evidence.fit
-    if size is None or fit is None:
-        return
-    strong = [fit.joints[j] for j in where(fit.shares >= JOINT_MATTERS)]
-    advice = (
-        "check the clock (a log at half speed shows four times the inertia), the gain "
-        "of torque, and lengths and masses of the model"
-    )
-    matters = np.isin(size.joints, strong)
-    heavy = where(matters & (size.inertia > INERTIA_CARE))
-    if heavy:
-        said = ", ".join(f"{size.joints[j]} {size.inertia[j]:.3g}" for j in heavy)
-        worst = max(float(size.inertia[j]) for j in heavy)
-        yield Reason(
-            "robot's size",
-            "do not use" if worst > INERTIA_REFUSED else "use with care",
-            "inertia about joints, over the most that bodies of these masses and the "
-            f"model's lengths have: {said}",
-            advice,
-        )
-    moved = np.isin(size.carried_by, strong)
-    for what, extent in (
-        ("radius of gyration", size.radius),
-        ("distance of the centre of mass from the joint", size.centre),
-    ):
-        wide = where(moved & (extent > EXTENT_CARE * size.size))
-        if wide:
-            k = max(wide, key=lambda i: float(extent[i] / size.size[i]))
-            yield Reason(
-                "robot's size",
-                "use with care",
-                f"{what} of {size.links[k]}: {extent[k]:.3g} m, but its lengths in the "
-                f"model are at most {size.size[k]:.3g} m",
-                advice,
-            )
+    if size is not None and fit is not None:
+        strong = [fit.joints[j] for j in where(fit.shares >= JOINT_MATTERS)]
+        yield from size_reasons(size, strong)
 
 
 def _of_drives(evidence: Evidence) -> Iterator[Reason]:

@@ -51,9 +51,10 @@ def test_a_zero_that_leaves_nearly_all_unexplained_is_not_named(kind, shown):
     [
         ("offset zero", 2.1, 4.0, 0.05, "warning"),
         ("offset zero", 2.1, 6.0, 0.05, "fault"),
-        # It would mean a tenth of the torque.
+        # With one more of four standard errors, it would mean a tenth of the torque.
         ("offset zero", 2.1, 4.0, 0.10, "fault"),
-        ("offset zero", 2.1, 4.0, 0.099, "warning"),
+        ("offset zero", 2.1, 4.0, 0.081, "fault"),
+        ("offset zero", 2.1, 4.0, 0.079, "warning"),
         ("clock", 2.1, 2.6, 0.17, "fault"),
         ("masses or gain", 1.9, 4.9, 0.30, "warning"),
         ("masses or gain", 1.9, 5.1, 0.30, "fault"),
@@ -70,6 +71,8 @@ def test_a_factor_is_a_fault_if_it_is_sure_or_likely_and_harmful(
     (finding,) = factor_findings(arm(), [found])
     assert finding.severity == severity
     assert f"would be {harm:.0%} off in torque" in finding.statement
+    only_then = harm < HARM <= harm * (1.0 + 1.0 / errors)
+    assert ("with a standard error more" in finding.statement) == only_then
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,34 @@ def test_findings_decide_and_can_be_accepted():
     assert any("accepted by the user" in line for line in accepted.lines)
 
 
+@pytest.mark.parametrize(
+    ("kind", "size", "misfit", "excess", "word"),
+    [
+        ("lag", "0.06", 0.081, 1.16, "do not use"),
+        ("lag", "0.06", 0.079, 1.16, "use with care"),  # the log is explained
+        ("lag", "0.06", 0.081, 1.14, "use with care"),  # consistent bodies do as well
+        ("torque resolution", "0.1", 0.081, 1.0, "do not use"),
+        ("torque resolution", "0.1", 0.079, 1.0, "use with care"),
+        ("torque resolution", "", 0.081, 1.0, "use with care"),  # coarse, not late
+        ("clock", "1.1", 0.081, 1.16, "use with care"),
+    ],
+)
+def test_a_late_torque_that_leaves_much_unexplained_is_not_used(
+    kind, size, misfit, excess, word
+):
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    evidence = good.evidence()
+    late = LogFinding(kind, "warning", "log", "seen", "mend it", size=size)
+    fit = replace(evidence.fit, misfit=misfit, excess=excess)
+    evidence = replace(evidence, fit=fit, findings=(late,))
+    (reason,) = [r for r in judge(evidence).reasons if r.kind == kind]
+    assert reason.word == word
+    assert ("unexplained" in reason.statement) == (word == "do not use")
+    noted = replace(evidence, findings=(replace(late, severity="note"),))
+    assert judge(noted).word != "do not use"
+    assert judge(replace(evidence, accepted=(kind,))).word != "do not use"
+
+
 def test_an_error_above_predicting_nothing_is_never_used():
     good = constrained_least_squares(model(), build_regression(model(), log()))
     other = with_torque(np.negative)
