@@ -5,12 +5,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
 from consistent_id.estimation.estimate import Estimate, torque_errors
-from consistent_id.estimation.torque_error import stacked_error
+from consistent_id.estimation.torque_error import stacked_of_kinds
 from consistent_id.export.export_formats import exported, known_format
+from consistent_id.export.file_torque import FileTorque, file_torque
 from consistent_id.export.file_values import parameters_in_file, read_contents
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import FLOATING, Selection
+
+_SUFFIXES = {"mjcf": "xml", "numpy": "py"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,16 +87,51 @@ def format_cost(
             base=FLOATING if robot.floating else None,
             joints=None if robot.floating else robot.joint_names,
         )
+    # The bodies and drive terms of mjlab's robot are in the MJCF file.
+    form = "mjcf" if form == "mjlab" else form
     with TemporaryDirectory() as folder:
         place = Path(folder)
         export = exported(
             estimate, form, source=source, folder=place, allow_refused=True
         )
-        file = place / ("robot.xml" if form == "mjcf" else f"robot.{form}")
+        file = place / f"robot.{_SUFFIXES.get(form, form)}"
         file.write_bytes(export.content)
         read = read_contents(form, file, estimate, selection)
-    left = replace(estimate, parameters=parameters_in_file(estimate, known.holds, read))
-    pairs = [torque_errors([left, estimate], log) for log in recordings]
-    of_file, own = (stacked_error([pair[i] for pair in pairs]) for i in (0, 1))
+        torque = file_torque(form, file, estimate) if read is None else None
+        own = [e.stacked for log in recordings for e in torque_errors([estimate], log)]
+        if torque is None:
+            x = parameters_in_file(estimate, known.holds, read)
+            left = replace(estimate, parameters=x)
+            errors = [
+                e.stacked for log in recordings for e in torque_errors([left], log)
+            ]
+        else:
+            errors = [error_by(torque, estimate.model, log) for log in recordings]
     names = tuple(dict.fromkeys(log.name for log in recordings))
-    return FormatCost(of_file or 0.0, own or 0.0, names, True, read is not None)
+    loaded = read is not None or torque is not None
+    return FormatCost(_mean(errors), _mean(own), names, True, loaded)
+
+
+def error_by(torque: FileTorque, model: TorqueModel, recording: Recording) -> float:
+    """Return the relative error of the torque that a function computes.
+
+    It is that of `TorqueError.stacked`.
+
+    Parameters
+    ----------
+    recording : Recording
+        With torque, which is not zero throughout.
+    """
+    motion, joints = motion_of(model, recording, None), model.robot.joint_names
+    rows, along = [joints.index(name) for name in model.torque_joints], motion.along
+    tau = torque(along.q, along.dq, along.ddq)[:, rows]
+    wrong = motion.torque - motion.through(tau)
+    squares = [
+        np.sum(values**2, axis=0, where=motion.counted)
+        for values in (wrong, motion.torque)
+    ]
+    return stacked_of_kinds(model, *squares)
+
+
+def _mean(errors: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0

@@ -1,6 +1,7 @@
 """The table of export formats is what is exported, offered and documented."""
 
 import inspect
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -19,7 +20,7 @@ from robots import random_body, random_robot
 import consistent_id
 from consistent_id import DriveTerms, ProblemError, TorqueModel, to_urdf
 from consistent_id.estimation.verdict import Reason, Verdict
-from consistent_id.export import export_formats, to_json, urdf_export
+from consistent_id.export import export_formats, mjcf_export, to_json, urdf_export
 from consistent_id.export.actuator_config import readme
 from consistent_id.export.export_formats import (
     EXPORT_FORMATS,
@@ -28,6 +29,7 @@ from consistent_id.export.export_formats import (
     exported,
 )
 from consistent_id.export.format_cost import format_cost
+from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.robot import load_mjcf, load_urdf
 from consistent_id.robot.chains import Selection
 
@@ -182,9 +184,6 @@ def test_a_new_file_of_a_robot_that_moves_as_a_whole_needs_no_such_note(estimate
     assert not any("that move" in note for note in notes)
 
 
-READ_BACK = ("urdf", "mjcf", "json", "pin", "isaaclab")
-
-
 def cost_of(estimate, form, log, **options):
     return format_cost(estimate, form, [log], selection=Selection(), **options)
 
@@ -209,12 +208,12 @@ def driven():
 
 @pytest.mark.parametrize("form", [known.name for known in EXPORT_FORMATS])
 def test_a_file_is_as_wrong_as_the_terms_that_it_lacks(driven, form):
-    if form == "mjcf":
+    if form in ("mjcf", "mjlab"):
         pytest.importorskip("mujoco")
     estimate, log = driven
     cost = cost_of(estimate, form, log)
     assert cost.own < 1e-12 and cost.recordings == (log.name,)
-    assert cost.read_back == (form in READ_BACK)
+    assert cost.read_back or (form == "c" and shutil.which("cc") is None)
     if form == "urdf":
         rotor = [i for i, n in enumerate(estimate.model.layout.names) if "rotor" in n]
         x = estimate.parameters.copy()
@@ -233,6 +232,57 @@ def test_a_file_with_another_mass_is_read_back_as_it_is(driven, monkeypatch):
     monkeypatch.setattr(urdf_export, "to_urdf", lambda *_, **__: wrong)
     whole = cost_of(estimate, "json", log).error
     assert cost_of(estimate, "urdf", log).error > max(whole, 0.05)
+
+
+@pytest.mark.parametrize("form", ["numpy", "casadi", "c"])
+def test_source_and_functions_are_run_as_they_are(driven, form, monkeypatch):
+    """Their error is that of their torque along filtered rows that partly count."""
+    if form == "c" and shutil.which("cc") is None:
+        pytest.skip("no C compiler")
+    estimate, log = driven
+    counts = np.arange(len(log))[:, None] % 97 > 3
+    known = replace(log, torque_known=counts & np.ones(log.torque.shape, dtype=bool))
+    filtered = consistent_id.low_passed(known, motion_cutoff=8.0)
+    cost = cost_of(estimate, form, filtered)  # the motion is filtered, too
+    assert cost.error == pytest.approx(cost.own, rel=1e-9)
+    heavier = replace(estimate, parameters=estimate.parameters * 1.1)
+    known = export_formats.known_format(form)
+    module = import_module(f"consistent_id.export.{known.module}")
+    own = getattr(module, known.function)
+    monkeypatch.setattr(module, known.function, lambda _, **more: own(heavier, **more))
+    assert cost_of(estimate, form, filtered).error == pytest.approx(0.1, rel=1e-3)
+    assert cost_of(heavier, "json", filtered).own == pytest.approx(0.1, rel=1e-3)
+
+
+def test_without_a_compiler_the_error_of_c_is_that_of_its_terms(driven, monkeypatch):
+    monkeypatch.setenv("CC", "no-such-compiler")
+    cost = cost_of(driven[0], "c", driven[1])
+    assert (cost.read_back, cost.error < 1e-9) == (False, True)
+
+
+@pytest.mark.parametrize("form", ["mjcf", "mjlab"])
+def test_tendons_of_a_file_count_with_what_they_carry(driven, form, monkeypatch):
+    pytest.importorskip("mujoco")
+    estimate, log = driven
+    model = estimate.model
+    first, second = model.robot.joint_names
+    gear = GearCoupling(
+        *(first, second), viscous=True, coulomb="tanh", velocity_scale=0.1
+    )
+    coupled = replace(model, couplings=(gear,))
+    x = np.append(estimate.parameters, [0.2, 0.3])
+    drives = [coupled.layout.index(f"{name}.viscous") for name in (first, second)]
+    x[drives] = 1.0  # a tendon's damper takes its part of them
+    both = replace(estimate, model=coupled, parameters=x)
+    own = consistent_id.simulate_torque(coupled, x, log)
+    cost = cost_of(both, form, own)
+    assert cost.read_back and cost.error < 1e-9
+    free = replace(both, parameters=np.append(x[:-2], [0.0, 0.0]))
+    written = mjcf_export.to_mjcf(free, allow_refused=True)
+    monkeypatch.setattr(mjcf_export, "to_mjcf", lambda *_, **__: written)
+    assert cost_of(both, form, own).error == pytest.approx(
+        cost_of(free, "json", own).own
+    )
 
 
 @pytest.mark.parametrize(("drag", "noted"), [(-0.5, True), (0.5, False)])
