@@ -100,9 +100,9 @@ def commands(model: ci.RobotModel, rng: np.random.Generator) -> np.ndarray:
     return np.column_stack(told)
 
 
-def simulated(case: Case) -> tuple[ci.Recording, PDGains]:
-    """Return the log of a case."""
-    robot, rng = ROBOTS[case.robot], case.rng
+def simulated(case: Case, robot: Robot | None = None) -> tuple[ci.Recording, PDGains]:
+    """Return the log of a case, by default of one of `ROBOTS`."""
+    robot, rng = robot or ROBOTS[case.robot], case.rng
     model = model_of(robot)
     names, count = model.joint_names, len(model.joint_names)
     told = commands(model, rng)

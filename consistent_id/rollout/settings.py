@@ -160,6 +160,7 @@ class Settings:
     couplings: bool = True
     stribeck_velocity: float | None = None
     load_friction: bool | None = None
+    least_joint_speed: float | None = None
 
 
 def with_settings(problem: Problem, settings: Settings) -> Problem:
@@ -229,7 +230,9 @@ def _data(
 ) -> DataTable:
     """Return ``[data]`` with a cut-off, a delay and the calibration that is known."""
     change, known = msgspec.structs.replace, problem.drives.calibration
-    cutoff = settings.cutoff
+    cutoff, slowest = settings.cutoff, data.preparation.least_joint_speed
+    if settings.least_joint_speed is not None:
+        slowest = settings.least_joint_speed
     return change(
         data,
         gains=change(
@@ -240,7 +243,10 @@ def _data(
             stiffness=_stated(problem, settings.stiffness),
         ),
         preparation=change(
-            data.preparation, motion_cutoff=cutoff, torque_cutoff=cutoff
+            data.preparation,
+            motion_cutoff=cutoff,
+            torque_cutoff=cutoff,
+            least_joint_speed=slowest,
         ),
     )
 
