@@ -22,7 +22,8 @@ from consistent_id.estimation.best_fit import BestFit
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 
