@@ -33,7 +33,7 @@ from consistent_id.estimation.method import Method
 from consistent_id.estimation.torque_error import stacked_of_kinds
 from consistent_id.problems.draft import Draft
 from consistent_id.problems.study import Study
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.rollout import identify_servos, read_servo_logs, rollout
 from consistent_id.rollout.problem_rollout import rollout_of
 from consistent_id.rollout.settings import gains_of

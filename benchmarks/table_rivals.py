@@ -43,7 +43,8 @@ from table import (
 import consistent_id as ci
 from consistent_id.estimation.method import Method
 from consistent_id.problems.study import Study
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.robot.scaling import reference_bodies
 from consistent_id.rollout import identify_servos, read_servo_logs
 from consistent_id.rollout.problem_rollout import rollout_of

@@ -65,7 +65,7 @@ def kept_for_equal(
 
 
 def kept_with(
-    place: int,
+    place: int | None,
     most: int,
     *,
     room: float = inf,
@@ -79,8 +79,9 @@ def kept_with(
 
     Parameters
     ----------
-    place : int
-        The argument's place; arguments are distinguished by identity.
+    place : int, optional
+        The argument's place; arguments are distinguished by identity.  None: results
+        are kept for equal arguments, until others need the room.
     most : int
         Results that are kept; those not used for the longest time go first.
     room : float, [bytes]
@@ -116,8 +117,9 @@ def kept_with(
 
         @wraps(function)
         def run(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-            owner = args[place]
-            key = (id(owner), *args[:place], *args[place + 1 :])
+            owner: Any = run if place is None else args[place]
+            others = args if place is None else (*args[:place], *args[place + 1 :])
+            key = (id(owner), *others)
             with held:
                 before = found.get(key)
                 if before is not None and before[0]() is owner:

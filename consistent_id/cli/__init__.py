@@ -21,6 +21,11 @@ _Handler = Callable[[int, FrameType | None], Any] | signal.Handlers
 # cycles; Python's 700 cost it 2 to 5 % of its time.
 _ALLOCATED = 20_000
 
+# Of mallopt, and its numbers of settings: bytes that are kept, and from which on an
+# array has pages of its own.
+_KEPT, _LARGE = 2**28, 2**25
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+
 _ENDS: dict[int, tuple[_Handler, int, bytes]] = {
     signal.SIGINT: (signal.default_int_handler, 130, b"consistent-id: interrupted\n"),
     signal.SIGTERM: (signal.SIG_DFL, 143, b"consistent-id: terminated\n"),
@@ -47,10 +52,27 @@ def run() -> int:
     an exception there can abort the process.
     """
     gc.set_threshold(_ALLOCATED)
+    _keep_pages()
     try:
         return main()
     finally:
         _listen()
+
+
+def _keep_pages() -> None:
+    """Let glibc keep the memory of large arrays that are freed for the next ones.
+
+    Else their pages go back to the system, and each comes back with an interruption.
+    Other C libraries have no such settings.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    from ctypes import CDLL
+
+    settings = getattr(CDLL(None), "mallopt", None)
+    if settings is not None:
+        settings(_TRIM_THRESHOLD, _KEPT)
+        settings(_MMAP_THRESHOLD, _LARGE)
 
 
 @contextmanager

@@ -90,10 +90,10 @@ def _distance(as_is: FactorLogs) -> float:
 
 def of_usual_size(as_is: FactorLogs) -> FactorLogs:
     """Return logs with the torque in a unit in which it is as large as the model's."""
-    bodies = reference_bodies(as_is.model.robot).ravel()
-    A, torque = as_is.rows.columns, as_is.rows.torque
-    drawn = np.einsum("jps,p->js", A[:, : len(bodies)], bodies)
-    squares = np.array([np.mean(values**2, axis=1) for values in (torque, drawn)])
+    drawn = as_is.rows.torque_of(reference_bodies(as_is.model.robot).ravel())
+    squares = np.array(
+        [np.mean(values**2, axis=1) for values in (as_is.rows.torque, drawn)]
+    )
     measured, model = np.maximum(np.sqrt(squares), 1e-300)
     gain = next(f for f in factors_of(as_is.model) if f.where == "all joints")
     return as_is.without(gain, float(np.median(np.log(measured / model))))

@@ -15,14 +15,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
+from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
 from consistent_id._support.executors import all_but_each
 from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
 from consistent_id.estimation.best_fit import BestFit
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 
@@ -68,7 +69,11 @@ class ChannelFactors:
 
         Root of the mean over joints of the squared residual over the squared torque.
         """
-        return _last(self.joined())
+        squares, rows = 0.0, self._relative()
+        for joints, columns in _limbs(rows):
+            own = _stacked(*(rows[j][:, [*columns, -1]] for j in joints))
+            squares += _last(own) ** 2
+        return float(np.sqrt(squares))
 
     def least_misfits(self, scales: Sequence[float]) -> Matrix:
         """Return `least_misfit` with one joint's torque at a time times each scale.
@@ -118,6 +123,18 @@ class ChannelFactors:
             fingerprint=self.model.fingerprint,
         )
         return bare.weighted(np.maximum(bare.torque_rms, _LEAST))
+
+
+def _limbs(rows: Sequence[Matrix]) -> list[tuple[list[int], IntArray]]:
+    """Return joints that share columns, and these columns, such as those of a leg."""
+    groups: list[tuple[list[int], BoolArray]] = []
+    for j, row in enumerate(rows):
+        own = row[:, :-1].any(axis=0)
+        joined = [g for g in groups if (g[1] & own).any()]
+        groups = [g for g in groups if not (g[1] & own).any()]
+        joints = [k for g in joined for k in g[0]] + [j]
+        groups.append((joints, np.any([own, *(g[1] for g in joined)], axis=0)))
+    return [(joints, np.flatnonzero(columns)) for joints, columns in groups]
 
 
 def _stacked(*rows: Matrix) -> Matrix:

@@ -23,7 +23,8 @@ from consistent_id.recordings.signals.masks import standstill
 from consistent_id.recordings.signals.smoother import ORDERS, motion_noise
 from consistent_id.regression.base import BaseParameters, excitation_of
 from consistent_id.regression.linear import solve_linear
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 

@@ -36,7 +36,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.recordings.signals.filters import spaced
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import placeholders
 

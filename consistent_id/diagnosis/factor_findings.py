@@ -344,10 +344,7 @@ def harm(as_is: FactorLogs, factor: Factor, size: float) -> float:
     loose = replace(as_is, widths=widths, rows=rows)
     right = loose.without(factor, size)
     wrong, x = solution_of(loose), solution_of(right)
-    torque, error = (
-        np.linalg.norm(np.einsum("jps,p->js", right.rows.columns, y))
-        for y in (x, wrong - x)
-    )
+    torque, error = (np.linalg.norm(right.rows.torque_of(y)) for y in (x, wrong - x))
     return float(error / torque)
 
 

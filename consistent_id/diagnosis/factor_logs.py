@@ -181,7 +181,7 @@ class FactorSystem(Jackknife):
 def told_gains(state: FactorLogs) -> list[Factor]:
     """Return the gains of the joints that bodies load: friction tells of no gain."""
     size, x = state.model.layout.inertial_size, solution_of(state)
-    bodies = np.einsum("jps,p->js", state.rows.columns[:, :size], x[:size])
+    bodies = state.rows.torque_of(x, slice(size))
     torque = np.linalg.norm(state.rows.torque, axis=1)
     loaded = np.linalg.norm(bodies, axis=1) >= _LOADED * torque
     return [f for j, f in enumerate(joint_gains(state.model)) if loaded[j]]
@@ -190,7 +190,7 @@ def told_gains(state: FactorLogs) -> list[Factor]:
 def drives_share(state: FactorLogs) -> float:
     """Return the torque of the drives over that of all joints."""
     first, x = state.model.layout.inertial_size, solution_of(state)
-    drives = np.einsum("jps,p->js", state.rows.columns[:, first:], x[first:])
+    drives = state.rows.torque_of(x, slice(first, None))
     return float(np.linalg.norm(drives) / np.linalg.norm(state.rows.torque))
 
 
@@ -207,15 +207,15 @@ def factor_system(
     segments are left out.  The last column, after those of the factors, is that of a
     gain with nominal bodies: an instrument.
     """
-    A = state.rows.columns
-    c = np.zeros((len(A), 0, A.shape[2]))
+    joints, samples = state.rows.torque.shape
+    c = np.zeros((joints, 0, samples))
     if factors:
         x = solution_of(state)
         slopes = [rows.slopes(x, factors) for rows in state.rows.each]
         c = np.concatenate(slopes, axis=2)
     if any(f.kind == ALL_GAINS for f in factors):
         bodies = reference_bodies(state.model.robot).ravel()
-        drawn = np.einsum("jps,p->js", A[:, : len(bodies)], bodies)
+        drawn = state.rows.torque_of(bodies)
         c = np.concatenate([c, drawn[:, None]], axis=1)
     return eliminated(state, c, nominal=nominal, scatter=scatter)
 
@@ -229,17 +229,17 @@ def eliminated(
     ----------
     c : ndarray, shape (torque joints, further columns, samples)
     """
-    A, torque, groups = state.rows.columns, state.rows.torque, state.rows.groups
+    torque, groups, width = state.rows.torque, state.rows.groups, state.rows.width
     weights = 1.0 / (state.noise * torque_sizes(torque))
-    pull, pulled_to = _pull(state, A.shape[1])
+    pull, pulled_to = _pull(state, width)
     if not nominal:
         pull, pulled_to = pull[:0], pulled_to[:0]
     prior = np.column_stack([pull, np.zeros((len(pull), c.shape[1])), pulled_to])
     systems, squares, pulled = [], np.zeros(c.shape[1] + 1), np.zeros(c.shape[1])
     for group in groups:
-        rows = np.concatenate([A[group.part], c[group.joints]], axis=1)
+        rows = np.concatenate([state.rows.of_group(group), c[group.joints]], axis=1)
         w = weights[group.joints, None]
-        own = _of_group(prior, group, A.shape[1])
+        own = _of_group(prior, group, width)
         whole, *others = (
             triangle(np.asfortranarray(np.vstack([F, own])))
             for F in _free(rows * w[:, :, None], torque[group.joints] * w, scatter)
@@ -329,7 +329,7 @@ def solution_of(state: FactorLogs) -> Vector:
 
 def _prior(state: FactorLogs) -> Matrix:
     """Return the rows and values that pull bodies to nominal ones, in one matrix."""
-    return np.column_stack(_pull(state, state.rows.columns.shape[1]))
+    return np.column_stack(_pull(state, state.rows.width))
 
 
 def _weighted(state: FactorLogs) -> list[Matrix]:

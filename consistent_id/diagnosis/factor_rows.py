@@ -12,11 +12,11 @@ from operator import or_
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
-from consistent_id.diagnosis.channel_factors import joint_factor
-from consistent_id.diagnosis.sample_rows import SampleRows, of_own_row
+from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.correlated_noise import correlation_lengths
 from consistent_id.regression.linear import smallest_solution
+from consistent_id.regression.motion_arrays import RowColumns
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 
@@ -85,10 +85,36 @@ class FactorRows:
         return [_Rows.of(self.model, log, loads=self.loads) for log in self.logs]
 
     @cached_property
+    def own(self) -> list[RowColumns]:
+        """The columns of each torque joint that are not zero, of all logs."""
+        first, *others = (rows.own for rows in self.each)
+        return [_joined(ones) for ones in zip(first, *others, strict=True)]
+
+    @cached_property
     def columns(self) -> Array:
         """The columns of all logs, shape (torque joints, columns, samples)."""
-        first, *others = (rows.columns for rows in self.each)
-        return np.concatenate([first, *others], axis=2) if others else first
+        whole = np.zeros((len(self.own), self.width, self.torque.shape[1]))
+        for row, own in zip(whole, self.own, strict=True):
+            row[own.places] = own.values
+        return whole
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return self.each[0].width
+
+    def of_group(self, group: "Limb") -> Array:
+        """Return the rows of a group, shape (its joints, its columns, samples)."""
+        shape = len(group.joints), len(group.columns), self.torque.shape[1]
+        rows = np.zeros(shape)
+        for row, j in zip(rows, group.joints, strict=True):
+            own = self.own[j]
+            row[np.searchsorted(group.columns, own.places)] = own.values
+        return rows
+
+    def torque_of(self, x: Vector, columns: slice = slice(None)) -> Matrix:
+        """Return the torque of some columns, shape (torque joints, samples)."""
+        return _torque_of(self.own, x, columns)
 
     @cached_property
     def torque(self) -> Matrix:
@@ -107,12 +133,7 @@ class FactorRows:
         """Return these rows with the drives' columns of other ones, of as many rows."""
         bodies = self.model.layout.inertial_size
         mixed = [
-            replace(
-                own,
-                columns=np.concatenate(
-                    [own.columns[:, :bodies], its.columns[:, bodies:]], axis=1
-                ),
-            )
+            replace(own, own=_mixed(own.own, its.own, bodies))
             for own, its in zip(self.each, other.each, strict=True)
         ]
         return replace(self, given=mixed)
@@ -120,16 +141,17 @@ class FactorRows:
     @cached_property
     def factors(self) -> list[list[Matrix]]:
         """Triangular factors of each joint's columns and torque, group by group."""
-        torque = self.torque[:, :, None]
         return [
-            [joint_factor(self.columns[j, g.columns], torque[j]) for j in g.joints]
+            [_factor_of(self.own[j], self.torque[j], g.columns) for j in g.joints]
             for g in self.groups
         ]
 
     @cached_property
     def groups(self) -> list["Limb"]:
         """Joints that share columns, such as those of a leg."""
-        there: BoolArray = np.any(self.columns, axis=2)
+        there = np.zeros((len(self.own), self.width), dtype=bool)
+        for row, own in zip(there, self.own, strict=True):
+            row[own.places] = True
         groups: list[tuple[list[int], BoolArray]] = []
         for j, own in enumerate(there):
             joined = [g for g in groups if (g[1] & own).any()]
@@ -164,29 +186,49 @@ class _Rows:
     Parameters
     ----------
     log : SampleRows
-    columns : ndarray, shape (torque joints, columns, samples)
-        The model's, then rotor inertias and friction that it may lack.
+    own : list of RowColumns
+        Of each torque joint, those that are not zero: the model's, then rotor inertias
+        and friction that it may lack.
+    width : int
+        Number of columns.
     """
 
     log: SampleRows
-    columns: Array
+    own: list[RowColumns]
+    width: int
 
     @classmethod
     def of(cls, model: TorqueModel, log: Recording, *, loads: bool = True) -> "_Rows":
         rows = SampleRows.of(model, log)
         rotors = rows.filtered(rows.change[:, None])
         frictions = rows.frictions(rows.smooth_torque())
-        own = np.concatenate([rotors, frictions[:, : None if loads else -1]], axis=1)
-        return cls(rows, np.concatenate([rows.regressor(), of_own_row(own)], axis=1))
+        more = np.concatenate([rotors, frictions[:, : None if loads else -1]], axis=1)
+        first, (joints, each) = len(model.layout), more.shape[:2]
+        own = []
+        for j, (whole, further) in enumerate(zip(rows.own(), more, strict=True)):
+            places = [*whole.places, *range(first + j * each, first + (j + 1) * each)]
+            values = np.concatenate([whole.values, further])
+            own.append(_seen(RowColumns(np.array(places), values)))
+        return cls(rows, own, first + joints * each)
 
     @property
     def without_loads(self) -> "_Rows":
         """The same without the last of each joint's own columns."""
-        first, joints = len(self.log.model.layout), len(self.columns)
-        number = np.arange(self.columns.shape[1] - first)
+        first, joints = len(self.log.model.layout), len(self.own)
+        number = np.arange(self.width - first)
         each = len(number) // joints
         kept = np.append(np.full(first, True), number % each < each - 1)
-        return _Rows(self.log, self.columns[:, kept])
+        places = np.cumsum(kept) - 1
+        fewer = [
+            RowColumns(places[o.places[there]], o.values[there])
+            for o in self.own
+            for there in [kept[o.places]]
+        ]
+        return _Rows(self.log, fewer, int(kept.sum()))
+
+    def torque_of(self, x: Vector, columns: slice = slice(None)) -> Matrix:
+        """Return the torque of some columns, shape (torque joints, samples)."""
+        return _torque_of(self.own, x, columns)
 
     def slopes(self, x: Vector, factors: Sequence[Factor]) -> Array:
         """Return torque per unit of each factor, (torque joints, factors, samples).
@@ -205,11 +247,11 @@ class _Rows:
             zeros = self.log.slopes_by_position(bodies, moved)
         torque = np.zeros((0, 0))
         if any(f.kind in (ALL_GAINS, ONE_GAIN) for f in factors):
-            torque = np.einsum("jps,p->js", self.columns, x)
+            torque = self.torque_of(x)
         found = []
         for factor in factors:
             if factor.kind == "clock":
-                whole = np.einsum("jps,p->js", self.columns[:, :inertial], x[:inertial])
+                whole = self.torque_of(x, slice(inertial))
                 part = 2.0 * (whole - self.log.at_rest(x[:inertial], gravity))
             elif factor.kind in (ALL_GAINS, ONE_GAIN):
                 part = torque
@@ -223,6 +265,60 @@ class _Rows:
                 part = self.log.at_rest(x[:inertial], turned)
             found.append(part)
         return np.stack(found, axis=1)
+
+
+def _torque_of(rows: Sequence[RowColumns], x: Vector, columns: slice) -> Matrix:
+    """Return the torque of some columns; those beyond `x` do not count."""
+    some = np.zeros(
+        1 + max((int(o.places[-1]) for o in rows if len(o.places)), default=0)
+    )
+    known = np.arange(len(x))[columns]
+    known = known[known < len(some)]
+    some[known] = x[known]
+    return np.stack([some[own.places] @ own.values for own in rows])
+
+
+def _seen(own: RowColumns) -> RowColumns:
+    """Return the columns that are not zero."""
+    there = own.values.any(axis=1)
+    return own if there.all() else RowColumns(own.places[there], own.values[there])
+
+
+def _joined(ones: Sequence[RowColumns]) -> RowColumns:
+    """Return a joint's columns of logs one after another."""
+    if len(ones) == 1:
+        return ones[0]
+    places = reduce(np.union1d, (one.places for one in ones))
+    parts = []
+    for one in ones:
+        part = np.zeros((len(places), one.values.shape[1]))
+        part[np.searchsorted(places, one.places)] = one.values
+        parts.append(part)
+    return RowColumns(places, np.concatenate(parts, axis=1))
+
+
+def _mixed(
+    bodies_of: Sequence[RowColumns], drives_of: Sequence[RowColumns], bodies: int
+) -> list[RowColumns]:
+    """Return the columns of bodies of some rows, and the others of other rows."""
+    found = []
+    for one, other in zip(bodies_of, drives_of, strict=True):
+        first, last = one.places < bodies, other.places >= bodies
+        found.append(
+            RowColumns(
+                np.concatenate([one.places[first], other.places[last]]),
+                np.concatenate([one.values[first], other.values[last]]),
+            )
+        )
+    return found
+
+
+def _factor_of(own: RowColumns, torque: Vector, columns: IntArray) -> Matrix:
+    """Return the triangular factor of some columns, in their order, and the torque."""
+    R = triangle(np.asfortranarray(np.column_stack([own.values.T, torque])))
+    factor = np.zeros((len(R), len(columns) + 1))
+    factor[:, [*np.searchsorted(columns, own.places), len(columns)]] = R
+    return factor
 
 
 def relative_noise(rows: FactorRows) -> Vector:
@@ -243,17 +339,17 @@ def residual_of(logs: FactorRows) -> tuple[Matrix, Vector]:
 
     Joints are weighted by their residuals in turn.
     """
-    A, torque = logs.columns, logs.torque
+    torque = logs.torque
     size = torque_sizes(torque)
     sigma, rest = size, torque
     for _ in range(3):
-        x = np.zeros(A.shape[1])
+        x = np.zeros(logs.width)
         for group, factors in zip(logs.groups, logs.factors, strict=True):
             errors = sigma[group.joints]
             rows = [F / error for F, error in zip(factors, errors, strict=True)]
             R = triangle(np.asfortranarray(np.vstack(rows)))
             x[group.columns] = smallest_solution(R[:, :-1], R[:, -1], RANK)
-        rest = torque - np.einsum("jps,p->js", A, x)
+        rest = torque - logs.torque_of(x)
         sigma = np.maximum(torque_sizes(rest), EXACT * size)
     return rest, size
 

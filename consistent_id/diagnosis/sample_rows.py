@@ -14,8 +14,9 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.caches import kept_with
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion, RowColumns
 from consistent_id.regression.position_slopes import position_slopes
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regressor import TorqueModel
 
 _SPEEDS = (0.01, 0.05, 0.25)  # shares of top speed at which friction changes
@@ -97,6 +98,10 @@ class SampleRows:
     def regressor(self) -> Array:
         """Return all columns, shape (torque joints, parameters, samples)."""
         return self.motion.regressor(self.model)
+
+    def own(self) -> list[RowColumns]:
+        """Return the columns that each torque joint has, as `regressor`."""
+        return self.motion.row_columns(self.model)
 
     def predicted(self, x: Vector) -> Matrix:
         """Return the torque of parameters, shape (torque joints, samples)."""

@@ -212,27 +212,45 @@ def _disagreement(state: FactorLogs, factor: Factor) -> float:
 
 def _converged_from(state: FactorLogs, factor: Factor, start: float = 0.0) -> _Sized:
     """Return the size and the errors to which a factor converges from a first size."""
-    found = estimated(state.without(factor, start), [factor])
-    if not found:
+    first = state.without(factor, start)
+    step = _step(first, factor)
+    if step is None:
         return _Sized(start, np.inf, np.inf)
-    return converged(state, found[0], start)
+    size, last = _in_rounds(state, factor, (start, step))
+    return _with_errors(size, last or first, factor)
 
 
 def converged(as_is: FactorLogs, first: FoundFactor, start: float = 0.0) -> _Sized:
     """Return the size and the errors to which a factor converges.
-
-    Steps of linearised logs may go to and fro between two sizes.  Where two of them
-    point at each other, what is left of the factor is zero in between.
 
     Parameters
     ----------
     first : FoundFactor
         The factor estimated from logs without the first size.
     """
-    size, last = start, first
+    size, last = _in_rounds(as_is, first.factor, (start, first.size))
+    if last is None:
+        return _Sized(size, first.error, first.cautious)
+    return _with_errors(size, last, first.factor)
+
+
+def _in_rounds(
+    as_is: FactorLogs, factor: Factor, first: tuple[float, float]
+) -> tuple[float, FactorLogs | None]:
+    """Return the size to which steps converge, and the last logs linearised for one.
+
+    Steps of linearised logs may go to and fro between two sizes.  Where two of them
+    point at each other, what is left of the factor is zero in between.
+
+    Parameters
+    ----------
+    first : (float, float)
+        A size, and the step from it.
+    """
+    (size, found), last = first, None
     left: dict[bool, tuple[float, float]] = {}  # by sign: a size, and what it leaves
     for _ in range(_ROUNDS):
-        step = float(np.clip(last.size, -_LARGEST, _LARGEST))
+        step = float(np.clip(found, -_LARGEST, _LARGEST))
         left[step > 0.0] = size, step
         if len(left) == 2:
             (low, up), (high, down) = left[True], left[False]
@@ -241,11 +259,35 @@ def converged(as_is: FactorLogs, first: FoundFactor, start: float = 0.0) -> _Siz
         size += step
         if abs(step) <= _SETTLED:
             break
-        found = estimated(as_is.without(first.factor, size), [first.factor])
-        if not found:
+        moved = as_is.without(factor, size)
+        further = _step(moved, factor)
+        if further is None:
             break
-        last = found[0]
-    return _Sized(size, last.error, last.cautious)
+        found, last = further, moved
+    return size, last
+
+
+def _step(state: FactorLogs, factor: Factor) -> float | None:
+    """Linearise once, and return the size of a factor alone; None if there is none.
+
+    Errors, which take most of the time, are needed of the last round alone; but the
+    size of all gains together depends on them.
+    """
+    if factor.kind == "masses or gain":
+        found = estimated(state, [factor])
+        return found[0].size if found else None
+    system = factor_system(state, [factor], scatter=False)
+    if np.linalg.norm(system.whole[:, 0]) == 0.0:
+        return None
+    return float(system.solution([0])[0])
+
+
+def _with_errors(size: float, state: FactorLogs, factor: Factor) -> _Sized:
+    """Return a size with the errors of the factor in linearised logs."""
+    found = estimated(state, [factor])
+    if not found:
+        return _Sized(size, np.inf, np.inf)
+    return _Sized(size, found[0].error, found[0].cautious)
 
 
 def estimated(state: FactorLogs, factors: Sequence[Factor]) -> list[FoundFactor]:

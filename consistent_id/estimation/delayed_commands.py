@@ -18,7 +18,7 @@ from consistent_id.estimation.determination import FreeParameters
 from consistent_id.estimation.drive_calibration import LATER
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.correlated_noise import SHOWN, spectral_errors
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise

@@ -30,7 +30,8 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.drive_torque import DriveCalibration
 from consistent_id.regression.correlated_noise import SHOWN, spectral_errors
 from consistent_id.regression.linear import extended
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise

@@ -33,7 +33,8 @@ from consistent_id.regression.base import (
 )
 from consistent_id.regression.correlated_noise import correlation_length, scores_along
 from consistent_id.regression.linear import LinearSolution, column_sizes, solve_linear
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import build_regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise

@@ -19,7 +19,8 @@ from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.correlated_noise import scores_along
 from consistent_id.regression.linear import solve_linear
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import Regression, build_regression, reweighted
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import (

@@ -23,7 +23,8 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.regression import torque_along
 from consistent_id.regression.drive.laws import AsymmetricCoulomb, Coulomb
 from consistent_id.regression.drive.term import DriveTerm, JointSamples
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.rows.contact_maps import unknown_rows

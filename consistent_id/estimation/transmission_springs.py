@@ -19,7 +19,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.drive_torque import stiffness_of
 from consistent_id.regression.correlated_noise import SHOWN, spectral_errors
 from consistent_id.regression.elastic_joints import as_rigid, link_inertias
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise

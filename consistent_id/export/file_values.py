@@ -7,6 +7,7 @@ move against each other has no effect on torque.
 
 from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -132,6 +133,7 @@ class JointDrive:
         return sum(levels) if levels else None
 
 
+@lru_cache(maxsize=8)  # an export asks for those of one estimate several times
 def joint_drives(estimate: Estimate) -> tuple[JointDrive, ...]:
     """Return the terms and coefficients of all joints, in order."""
     model = estimate.model

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,6 +41,12 @@ class PrincipalBody:
 
 def principal_body(body: InertialParameters, moves: bool = True) -> PrincipalBody:
     """Return a body in its principal axes, no thinner than MuJoCo needs if it moves."""
+    return _principal_body(body.vector.tobytes(), moves)
+
+
+@lru_cache(maxsize=256)  # bodies that are known are the same in all models of a search
+def _principal_body(vector: bytes, moves: bool) -> PrincipalBody:
+    body = InertialParameters(np.frombuffer(vector))
     mass, com, inertia = central(body)
     moments, axes = np.linalg.eigh(inertia)
     if np.linalg.det(axes) < 0.0:
@@ -61,7 +68,13 @@ def quaternion(rotation: Matrix) -> Array:
     The eigenvector of the largest eigenvalue of a symmetric matrix, which loses no
     digits at any angle.
     """
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
+    return _quaternion(np.asarray(rotation, dtype=np.float64).tobytes())
+
+
+@lru_cache(maxsize=256)
+def _quaternion(rotation: bytes) -> Array:
+    entries = np.frombuffer(rotation).reshape(3, 3)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = entries
     K = np.array(
         [
             [xx + yy + zz, zy - yz, xz - zx, yx - xy],
@@ -72,7 +85,9 @@ def quaternion(rotation: Matrix) -> Array:
     )
     _, vectors = np.linalg.eigh(K)
     q = vectors[:, -1]
-    return np.asarray(q if q[np.argmax(abs(q))] > 0.0 else -q)
+    q = np.array(q if q[np.argmax(abs(q))] > 0.0 else -q)
+    q.setflags(write=False)
+    return q
 
 
 def require_mujoco() -> Any:

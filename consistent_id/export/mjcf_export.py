@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.given_values import require_type
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
@@ -175,16 +175,28 @@ def _level(drive: JointDrive, joint: Joint) -> _Level:
 
 @lru_cache(maxsize=256)  # of models for derivatives, most joints are alike
 def _nearest_level(coulomb: float, slope: float, low: float, high: float) -> _Level:
-    from scipy.optimize import nnls
-
     rest = low if slope > 0.0 else high
     q = np.linspace(low, high, _GRID)
     wanted = coulomb + slope * q
     arm = RADIUS * abs(np.sin((q - rest) / 2.0))
     shapes = np.column_stack([np.ones_like(q), arm / RADIUS])
-    (constant, growing), _ = nnls(shapes, wanted)
+    constant, growing = _nonnegative(shapes, wanted)
     error = abs(shapes @ [constant, growing] - wanted).max()
     return _Level(float(constant), float(growing) / RADIUS, rest, float(error))
+
+
+def _nonnegative(shapes: Matrix, wanted: Vector) -> Vector:
+    """Return the least squares of two columns with weights that are not negative.
+
+    The import of scipy.optimize takes longer than a hundred of these models.
+    """
+    both, *_ = np.linalg.lstsq(shapes, wanted)
+    if (both >= 0.0).all():
+        return np.asarray(both)
+    squares = np.maximum((shapes**2).sum(axis=0), 1e-300)
+    one = np.diag(np.maximum(shapes.T @ wanted / squares, 0.0))  # a column alone, each
+    errors = ((shapes @ one - wanted[:, None]) ** 2).sum(axis=0)
+    return np.asarray(one[:, errors.argmin()])
 
 
 def _add_tendon(spec: Any, joint: Any, compiled: Any, level: _Level) -> None:

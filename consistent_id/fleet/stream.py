@@ -47,7 +47,8 @@ from consistent_id.recordings.readers.recording_file import (
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.correlated_noise import SHOWN
-from consistent_id.regression.motion_arrays import motion_of, whole_counts
+from consistent_id.regression.motion_arrays import whole_counts
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import Regression, build_regression, with_noise
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise

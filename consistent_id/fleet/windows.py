@@ -45,7 +45,8 @@ from consistent_id.recordings.signals.masks import (
 )
 from consistent_id.regression.correlated_noise import SHOWN
 from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.motion_arrays import Motion, motion_of, whole_counts
+from consistent_id.regression.motion_arrays import Motion, whole_counts
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regressor import TorqueModel
 
 WINDOW = 2**15  # samples; twenty channels of them and their copies take some 50 MB

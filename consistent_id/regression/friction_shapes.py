@@ -20,7 +20,8 @@ from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.drive.drive_terms import LAWS
 from consistent_id.regression.drive.term import DriveTerm
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import row_structure

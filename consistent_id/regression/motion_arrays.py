@@ -6,7 +6,8 @@ of the cut-off (``S``): ``S F M Y x = S F M tau``.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
+from hashlib import blake2b
 from threading import Lock
 from typing import NamedTuple
 
@@ -22,26 +23,16 @@ from consistent_id._support.arrays import (
 )
 from consistent_id._support.caches import kept_with
 from consistent_id._support.executors import worker_threads
-from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion
-from consistent_id.recordings.recording import Recording, TorqueFilter
 from consistent_id.recordings.signals.filtered_rows import (
     RowFilter,
-    around,
-    places_of_rows,
-    require_filter,
-    require_unchanged,
-    row_filter,
 )
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.row_structure import row_structure
 from consistent_id.regression.rows.contact_maps import (
     ContactMixing,
-    mixing_of,
-    unknown_rows,
 )
-from consistent_id.regression.rows.generalised_forces import measured_forces, state_of
 
 PIECE = 4 * CHUNK
 """Samples that one worker compresses before factors are merged."""
@@ -53,11 +44,30 @@ of a robot on its feet, 15 s at 30 Hz, are a little fewer.
 
 _ALL_KEPT = 3 * _KEPT  # the same of all recordings at a time
 
+_SMALL = _KEPT // 4
+"""Bytes of rows, at most, that are kept for recordings of equal motion: with another
+torque, such as with a delay or without springs, rows are the same.
+"""
+
 _WORKERS = 2
 _FILLING = Lock()  # else workers that need the same rows would all compute them
 
 _LITTLE = 0.05
 """Share of a filtered row's weight that must come from samples that count."""
+
+
+class RowColumns(NamedTuple):
+    """The columns of one row of a model; all others are zero.
+
+    Parameters
+    ----------
+    places : ndarray of int, shape (columns,)
+        Ascending.
+    values : ndarray, shape (columns, samples)
+    """
+
+    places: IntArray
+    values: Matrix
 
 
 class Motion(NamedTuple):
@@ -244,13 +254,24 @@ class Motion(NamedTuple):
 
         Filtered like the torque; weights are not applied.
         """
+        rows = self.row_columns(model)
+        Y = np.zeros((len(rows), len(model.layout), len(self.q)))
+        for all_columns, own in zip(Y, rows, strict=True):
+            all_columns[own.places] = own.values
+        return Y
+
+    def row_columns(self, model: TorqueModel) -> list[RowColumns]:
+        """Return the columns that each row of the model has, as `regressor`."""
         structure = row_structure(model, mixed=self.mixed)
-        Y = np.empty((len(structure), len(model.layout), len(self.q)))
+        places = [np.flatnonzero(expand.any(axis=0)) for _, expand in structure]
+        found = [np.empty((len(own), len(self.q))) for own in places]
         bare = self._replace(weights=None)
         for part, blocks in bare.rows(model, [kept for kept, _ in structure]):
-            for row, block, (_, expand) in zip(Y, blocks, structure, strict=True):
-                row[:, part] = expand.T @ block[:, :-1].T
-        return Y
+            for values, own, block, (_, expand) in zip(
+                found, places, blocks, structure, strict=True
+            ):
+                values[:, part] = expand[:, own].T @ block[:, :-1].T
+        return [RowColumns(*own) for own in zip(places, found, strict=True)]
 
     def _blocks(
         self, model: TorqueModel, kept: Sequence[IntArray], size: int
@@ -328,10 +349,29 @@ class FilteredRows:
         if 8 * width * len(self.kept) > _KEPT:
             yield from self.computed(model, kept, run)
             return
+        columns = tuple(c.tobytes() for c in kept)
+        motion = self._motion() if 8 * width * len(self.kept) <= _SMALL else None
         with _FILLING:
-            every = _kept_blocks(model, self, tuple(c.tobytes() for c in kept))
+            every = (
+                _kept_blocks(model, self, columns)
+                if motion is None
+                else _equal_blocks(model, motion, columns)
+            )
         samples = len(self.kept[run])
         yield slice(0, samples), [np.array(own[run], order="F") for own in every]
+
+    def _motion(self) -> "_RowsOfMotion | None":
+        """Return the key of equal motion; None where a base moves or contacts mix."""
+        along = self.along
+        if along.base is not None or along.mixing is not None:
+            return None
+        arrays = (along.q, along.dq, along.ddq, along.weights, self.kept)
+        digest = blake2b(repr(self.by).encode())
+        for values in arrays:
+            digest.update(b"-" if values is None else str(values.shape).encode())
+            if values is not None:
+                digest.update(np.ascontiguousarray(values).data)
+        return _RowsOfMotion(digest.digest(), self)
 
     def computed(
         self, model: TorqueModel, kept: Sequence[IntArray], run: slice
@@ -373,126 +413,32 @@ class FilteredRows:
         return [np.asfortranarray(through(own, samples, span, whole)) for own in every]
 
 
-@kept_with(1, most=6, room=_ALL_KEPT, size=lambda rows: sum(b.nbytes for b in rows))
+@dataclass(frozen=True, slots=True)
+class _RowsOfMotion:
+    """Filtered rows, equal where motion, filter and kept samples are equal."""
+
+    digest: bytes
+    rows: FilteredRows = field(compare=False)
+
+
+def _size(rows: Sequence[Matrix]) -> int:
+    return sum(block.nbytes for block in rows)
+
+
+@kept_with(None, most=8, room=_KEPT, size=_size)
+def _equal_blocks(
+    model: TorqueModel, motion: _RowsOfMotion, columns: tuple[bytes, ...]
+) -> list[Matrix]:
+    """Return all filtered rows of a motion, whatever its torque is.
+
+    The last column of each block is left for the torque.
+    """
+    return motion.rows.filled(model, [np.frombuffer(c, dtype=np.intp) for c in columns])
+
+
+@kept_with(1, most=6, room=_ALL_KEPT, size=_size)
 def _kept_blocks(
     model: TorqueModel, rows: FilteredRows, columns: tuple[bytes, ...]
 ) -> list[Matrix]:
     """Return all filtered rows of a recording, for one pass after another."""
     return rows.filled(model, [np.frombuffer(c, dtype=np.intp) for c in columns])
-
-
-def motion_of(
-    model: TorqueModel, recording: Recording, weights: Array | None
-) -> Motion:
-    """Return a recording's rows as a model wants them.
-
-    Where its torque is filtered, the rows are filtered alike, and `RowFilter.step`
-    says how many of them are kept.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (samples, torque joints), optional
-        Factors of rows; what has the weight 0 is set to zero before the filter.
-
-    Raises
-    ------
-    RecordingError
-        If a channel or a joint is missing, or the motion of a base that floats; or if
-        the recording was changed after its torque had been filtered.
-    """
-    if recording.torque_filter is None:
-        return every_sample(model, recording, weights)
-    if weights is None:
-        return _filtered_motion(model, recording)
-    return _with_filter(model, recording, weights)
-
-
-@kept_with(1, most=8)
-def _filtered_motion(model: TorqueModel, recording: Recording) -> Motion:
-    """Return the same rows each time: a study takes many passes over few recordings."""
-    return _with_filter(model, recording, None)
-
-
-def _with_filter(
-    model: TorqueModel, recording: Recording, weights: Array | None
-) -> Motion:
-    require_unchanged(recording)
-    behind, by = require_filter(recording), row_filter(recording)
-    places = places_of_rows(behind, by.step)
-    if not len(places):
-        places = np.array([len(behind.kept) // 2])
-    kept = behind.kept[places]
-    along = every_sample(model, behind.source, _marks(behind, weights, model))
-    rows = FilteredRows(along, by, kept)
-    marks = along.weights
-    return Motion(
-        along.q[kept],
-        along.dq[kept],
-        along.ddq[kept],
-        torque=rows.through(along.torque),
-        weights=_of_rows(weights, places),
-        base=None if along.base is None else along.base.samples(kept),
-        peaks=along.peaks,
-        shares=None if along.shares is None else by.shares(along.shares, kept),
-        known=None if marks is None else by.shares(marks, kept),
-        places=places,
-        filtered=rows,
-    )
-
-
-def _of_rows(weights: Array | None, places: IntArray) -> Array | None:
-    """Return weights after the filter: what had none is in rows of zero already."""
-    if weights is None or np.isin(weights, (0.0, 1.0)).all():
-        return None
-    rows: Array = weights[places]
-    return np.where(rows == 0.0, 1.0, rows)
-
-
-def _marks(
-    behind: TorqueFilter, weights: Array | None, model: TorqueModel
-) -> Array | None:
-    """Return 0 where samples before the filter do not count, 1 elsewhere."""
-    if behind.left_out is None and (weights is None or weights.all()):
-        return None
-    marks = np.ones((len(behind.source), len(model.torque_joints)))
-    if behind.left_out is not None:
-        marks[behind.left_out] = 0.0
-    if weights is not None:
-        for column, own in zip(marks.T, weights.T, strict=True):
-            column[around(behind, own == 0.0)] = 0.0
-    return marks
-
-
-def every_sample(
-    model: TorqueModel, recording: Recording, weights: Array | None
-) -> Motion:
-    """Return the rows of a recording whose torque is as it was recorded."""
-    if model.robot.floating:
-        tau, base = measured_forces(model, recording), recording.base
-    else:
-        tau, base = recording.of(model.torque_joints).torque, None
-    q, dq, ddq = state_of(model, recording)
-    if dq is None or ddq is None or tau is None:
-        given = {"velocity": dq, "acceleration": ddq, "torque": tau}
-        missing = [name for name, values in given.items() if values is None]
-        raise RecordingError(
-            f"{recording.name} has no {' and no '.join(missing)}; velocity and "
-            "acceleration come from signals.differentiated(recording)"
-        )
-    unknown = unknown_rows(model, recording)
-    if unknown is not None:
-        weights = np.where(unknown, 0.0, 1.0 if weights is None else weights)
-    motion = Motion(q, dq, ddq, tau, weights, base)
-    mixing = mixing_of(model, recording)
-    if mixing is None:
-        return motion
-    if weights is not None and not weights.all():
-        left_out = weights == 0.0
-        if unknown is None or not np.array_equal(left_out, unknown):
-            mixing = replace(mixing, unknown=left_out, held=None).holding()
-    return motion._replace(
-        torque=mixing.mixed(tau),
-        mixing=mixing,
-        peaks=abs(tau).max(axis=0),
-        shares=mixing.shares,
-    )

@@ -34,7 +34,8 @@ from consistent_id.regression.correlated_noise import (
 )
 from consistent_id.regression.linear import extended
 from consistent_id.regression.linear import triangle as triangle
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import NoisyRows, row_structure
 from consistent_id.robot.parameters import ParameterLayout

@@ -16,7 +16,7 @@ from consistent_id.recordings.signals.filtered_rows import (
     require_unchanged,
     row_filter,
 )
-from consistent_id.regression.motion_arrays import every_sample
+from consistent_id.regression.recorded_motion import every_sample
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.rows.contact_maps import mixing_of
 from consistent_id.regression.rows.generalised_forces import state_of

@@ -70,6 +70,32 @@ class SettingsChoice:
     delay_interval: tuple[float, float] | None = None
 
 
+def motor_sentence(choice: SettingsChoice, stated: Sequence[Sequence[str]] = ()) -> str:
+    """Return in one line which joints have equal motors; empty if none may have.
+
+    Parameters
+    ----------
+    stated : sequence of sequence of str
+        Joints that have equal motors by the problem.
+    """
+    found = choice.settings.equal_motors
+    if found:
+        return f"equal motors of limbs that mirror each other: {_listed(found)}"
+    if stated:
+        return f"equal motors, as the problem states: {_listed(stated)}"
+    for tried, error in choice.tried:
+        if tried.equal_motors and np.isfinite(error):
+            return (
+                "motors of limbs that mirror each other differ, because equal ones "
+                f"predict worse: {_listed(tried.equal_motors)}"
+            )
+    return ""
+
+
+def _listed(groups: Sequence[Sequence[str]]) -> str:
+    return "; ".join(", ".join(group) for group in groups)
+
+
 class _Candidates:
     """Settings that were tried, on parts of the training motion."""
 

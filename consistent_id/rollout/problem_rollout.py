@@ -29,7 +29,11 @@ from consistent_id.problems.study import Study
 from consistent_id.recordings.signals import PDGains
 from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.segments import segment_regressions, segments_of
-from consistent_id.rollout.chosen_settings import SettingsChoice, chosen_settings
+from consistent_id.rollout.chosen_settings import (
+    SettingsChoice,
+    chosen_settings,
+    motor_sentence,
+)
 from consistent_id.rollout.compared_models import Rollout, rollout
 from consistent_id.rollout.delay_interval import delay_sentence, delay_words
 from consistent_id.rollout.delay_search import FoundDelay
@@ -154,9 +158,9 @@ class ProblemRollout:
         ]
         if choice.delay is not None:
             notes.append(delay_sentence(choice.delay, choice.delay_interval))
-        if s.equal_motors:
-            groups = "; ".join(", ".join(group) for group in s.equal_motors)
-            notes.append(f"equal motors of limbs that mirror each other: {groups}")
+        stated = self.problem.table.constraints.equal_motors
+        if motors := motor_sentence(choice, stated):
+            notes.append(motors)
         if s.simulated:
             notes.append("only drive terms that MuJoCo has")
         if s.spring is not None:

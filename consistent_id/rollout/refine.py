@@ -11,6 +11,7 @@ others.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from time import perf_counter
 
 import numpy as np
@@ -235,8 +236,7 @@ def full_step(
     x = np.array(estimate.parameters)
     errors = replays.errors(x, start.delay)
     begin = replace(start, estimate=estimate, regression=regression, replays=replays)
-    linear = RolloutErrors(errors, start.linear.by_parameter)
-    return _goal(begin, linear, x, ridge)
+    return _goal(begin, start.linear, x, ridge, errors)
 
 
 @single_threaded
@@ -247,19 +247,40 @@ def refined_once(start: RefinementStart, ridge: float) -> Vector:
 
 
 def _goal(
-    start: RefinementStart, linear: RolloutErrors, x: Vector, ridge: float
+    start: RefinementStart,
+    linear: RolloutErrors,
+    x: Vector,
+    ridge: float,
+    errors: Matrix | None = None,
 ) -> Vector:
-    """Return the minimiser of the linearised errors and the torque fit."""
-    estimate, level = start.estimate, start.level
-    free = start.free
-    J = (linear.by_parameter[:, :, free] / level[:, None, None]).reshape(-1, len(free))
-    r = (linear.errors / level[:, None]).ravel()
-    found = triangle(np.asfortranarray(np.column_stack([J, J @ x[free] - r])))
-    rows = np.zeros((len(found), len(x) + 1))
-    rows[:, [*free, len(x)]] = found
+    """Return the minimiser of the linearised errors and the torque fit.
+
+    `errors` are those at `x`, if they are not those of `linear`.
+    """
+    estimate, free = start.estimate, start.free
+    Q, R = _factored(linear, start.level.tobytes(), free.tobytes())
+    r = ((linear.errors if errors is None else errors) / start.level[:, None]).ravel()
+    along = Q.T @ r
+    rows = np.zeros((len(R) + 1, len(x) + 1))
+    rows[:-1, free], rows[:-1, -1] = R, R @ x[free] - along
+    rows[-1, -1] = np.sqrt(max(float(r @ r - along @ along), 0.0))
     combined = _with_rows(start.regression, rows, ridge)
     fit = best_fit(estimate.model, combined, start.constraints, base=estimate.base)
     return fit.parameters
+
+
+@lru_cache(maxsize=2)
+def _factored(
+    linear: RolloutErrors, level: bytes, free: bytes
+) -> tuple[Matrix, Matrix]:
+    """Return the QR factors of the derivatives, of each joint over its level.
+
+    All weights and cut-offs of a refinement share them.
+    """
+    own = np.frombuffer(free, dtype=np.intp)
+    J = linear.by_parameter[:, :, own] / np.frombuffer(level)[:, None, None]
+    Q, R = np.linalg.qr(J.reshape(-1, len(own)))
+    return Q, R
 
 
 def _with_rows(regression: Regression, rows: Matrix, ridge: float) -> Regression:

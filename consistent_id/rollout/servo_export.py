@@ -98,9 +98,9 @@ def servo_spec(
         drive.biasprm[:3] = stiffness * values["zero"], -stiffness, 0.0
         drive.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
         drive.forcerange = [-stall, stall]
-        if delay > 0.0:
-            drive.delay, drive.interp = delay, _LINEAR
-            drive.nsample = int(np.ceil(delay / STEP)) + 2
+        # The file's default class may have a delay: without one, it is 0.
+        drive.delay, drive.interp = delay, _LINEAR if delay > 0.0 else 0
+        drive.nsample = int(np.ceil(delay / STEP)) + 2 if delay > 0.0 else 0
     return spec
 
 

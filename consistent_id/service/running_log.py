@@ -18,7 +18,7 @@ from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.linear import extended, triangle
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.service.load_watch import PARTS, WatchedRows
 from consistent_id.service.residual_spread import SLOW

@@ -40,7 +40,7 @@ from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.torque_causes import lost_signs, residuals
 from consistent_id.diagnosis.torque_parts import torque_parts
 from consistent_id.regression.base import base_parameters
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.robot.model import Link
 
 SHARP = DriveTerms(viscous=True, coulomb="sign")

@@ -19,7 +19,7 @@ from consistent_id import (
 )
 from consistent_id.estimation.estimate import torque_errors
 from consistent_id.estimation.torque_error import BREAKAWAY, beyond_friction, holding
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.robot import load_urdf
 from consistent_id.signals import altered, low_passed
 

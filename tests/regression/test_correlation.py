@@ -29,7 +29,7 @@ from consistent_id.regression.model_errors import (
     lacking_ratio,
     lacking_terms,
 )
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.row_structure import joint_rows
 from consistent_id.regression.segments import merged, segment_regressions
 from consistent_id.signals import decimated

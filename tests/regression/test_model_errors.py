@@ -21,7 +21,7 @@ from consistent_id.regression.model_errors import (
     lacking_ratio,
     lacking_terms,
 )
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.regression.torque_along import predicted_torque
 

@@ -17,7 +17,8 @@ from consistent_id import (
     trimmed,
 )
 from consistent_id.recordings.signals.filtered_rows import RowFilter
-from consistent_id.regression.motion_arrays import FilteredRows, motion_of
+from consistent_id.regression.motion_arrays import FilteredRows
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.row_structure import row_structure
 from consistent_id.regression.segments import merged, segment_regressions
 from consistent_id.regression.torque_along import measured_torque, predicted_torque

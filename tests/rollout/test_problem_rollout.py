@@ -4,6 +4,7 @@ import os
 import re
 import shlex
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +27,12 @@ from commanded_leg import PROBLEM, write_leg  # noqa: E402
 from consistent_id.problems.study import Study  # noqa: E402
 from consistent_id.rollout import rollout, rollout_slopes  # noqa: E402
 from consistent_id.rollout.chosen_settings import (  # noqa: E402
+    SettingsChoice,
     _Candidates,
     _with_slopes,
     _with_terms,
     chosen_settings,
+    motor_sentence,
 )
 from consistent_id.rollout.commanded_motion import replay  # noqa: E402
 from consistent_id.rollout.delay_search import MOST  # noqa: E402
@@ -308,6 +311,20 @@ def test_drives_stronger_than_stated_are_found_and_replayed_as_they_are(
     assert found.rmse(own) < 0.6 * wrong.rmse(own)
     assert main(["identify", str(tmp_path), "--verbose"]) == 0
     assert "torque scale" in capsys.readouterr().out
+
+
+def test_one_line_says_which_motors_are_equal_and_why_others_are_not():
+    pair, plain = (("left", "right"),), Settings()
+    shared = replace(plain, equal_motors=pair)
+    both = ((plain, 1.0), (shared, 2.0))
+    found = motor_sentence(SettingsChoice(shared, 1.0, both))
+    assert found == "equal motors of limbs that mirror each other: left, right"
+    worse = motor_sentence(SettingsChoice(plain, 1.0, both))
+    assert "differ" in worse and worse.endswith("predict worse: left, right")
+    stated = motor_sentence(SettingsChoice(plain, 1.0, both[:1]), pair)
+    assert stated == "equal motors, as the problem states: left, right"
+    unbuilt = (plain, 1.0), (shared, np.inf)
+    assert motor_sentence(SettingsChoice(plain, 1.0, unbuilt)) == ""
 
 
 def test_slopes_are_given_to_the_motors_that_are_worth_it():

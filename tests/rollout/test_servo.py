@@ -211,6 +211,27 @@ def test_joints_without_a_servo_are_held_in_mujoco(tmp_path, held):
     assert replayed_in_mujoco(file, fit, log, [GAIN]).shape == (1,)
 
 
+def test_a_default_delay_of_a_file_does_not_delay_servos_without_one(tmp_path):
+    mujoco = pytest.importorskip("mujoco")
+    from consistent_id.rollout.servo_export import servo_mjcf
+
+    file = tmp_path / "late.xml"
+    file.write_text(
+        '<mujoco><default><general delay="0.5" nsample="3"/></default><worldbody>'
+        '<body name="arm"><joint name="a" axis="0 1 0"/>'
+        '<inertial pos="0.1 0 0" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/></body>'
+        "</worldbody></mujoco>"
+    )
+    servo = replace(hand_made().joints[0], joint="a")
+    at_once = [
+        replace(form, values={**form.values, "delay": 0.0}) for form in servo.forms
+    ]
+    fit = ServoFit("late", (replace(servo, forms=tuple(at_once)),), None)
+    model = mujoco.MjModel.from_xml_string(servo_mjcf(file, fit, [GAIN]))
+    assert model.actuator_delay.tolist() == [0.0]
+    assert model.actuator_history[0, 0] == 0
+
+
 @pytest.mark.slow
 def test_a_joint_without_columns_is_not_in_the_written_robot(
     tmp_path, monkeypatch, capsys

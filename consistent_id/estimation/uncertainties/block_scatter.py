@@ -46,6 +46,7 @@ _LEVEL = 0.975  # quantile of intervals of 95 %
 _TINY = float(np.finfo(np.float64).tiny)
 _FREE = 1e-9  # free part of a parameter that counts as zero
 _LEAST = 1e-12  # ratio of variances below which its logarithm is cut off
+_NEWTON = 50  # steps at most of the inverse of trigamma; some five are needed
 _ALIKE = 1e3  # degrees of freedom above which all parameters have the same ratio
 # Squared correlation between parameters where it cannot be known: many parameters have
 # two degrees of freedom, so intervals contain the truth in 85 % of cases if all change
@@ -462,10 +463,18 @@ def _common(ratios: Vector, count: float) -> _Common:
 
 
 def _inverse_trigamma(value: float) -> float:
-    """Return ``x`` with ``trigamma(x) = value``."""
-    from scipy.optimize import brentq
+    """Return ``x`` with ``trigamma(x) = value``.
+
+    Newton's method for ``1 / trigamma``, which is nearly a line and convex, so that it
+    converges from above (Smyth 2004); scipy.optimize takes long to import.
+    """
     from scipy.special import polygamma
 
-    # 1/x < trigamma(x) < 1/x + 1/x^2
-    low, high = 1.0 / value, (1.0 + np.sqrt(1.0 + 4.0 * value)) / (2.0 * value)
-    return float(brentq(lambda x: float(polygamma(1, x)) - value, low, high))
+    x = 0.5 + 1.0 / value
+    for _ in range(_NEWTON):
+        now = float(polygamma(1, x))
+        change = now * (1.0 - now / value) / float(polygamma(2, x))
+        x += change
+        if abs(change) <= 1e-12 * x:
+            break
+    return x

@@ -27,7 +27,8 @@ from consistent_id.recordings.signals.filtered_rows import (
 )
 from consistent_id.recordings.signals.masks import speed_share
 from consistent_id.recordings.signals.repetitions import whole_periods
-from consistent_id.regression.motion_arrays import FilteredRows, Motion, motion_of
+from consistent_id.regression.motion_arrays import FilteredRows, Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regressor import TorqueModel
 
 NUMBERS = (8, 6)

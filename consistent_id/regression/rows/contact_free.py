@@ -30,7 +30,8 @@ from consistent_id.recordings.recording import Recording, several
 from consistent_id.recordings.signals.filtered_rows import places_of_rows, row_filter
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.linear import split_at_gap
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import CONTACT_FREE, row_names

@@ -35,7 +35,8 @@ from consistent_id.regression.model_errors import (
     block_ratio,
     joint_fit,
 )
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regression import Regression, build_regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import BASE_ROWS

@@ -8,7 +8,7 @@ from quadrupeds import quadruped_text, standing
 
 import consistent_id as ci
 from consistent_id.recordings.beside import ContactFlags
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.rows.contact_maps import (
     ContactMixing,
     _down,
