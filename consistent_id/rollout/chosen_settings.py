@@ -14,7 +14,12 @@ from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.estimation.transmission_springs import joint_springs
 from consistent_id.problems.problem import Problem
 from consistent_id.robot.chains import mirrored_motors
-from consistent_id.rollout.delay_interval import delay_interval, other_frictions
+from consistent_id.rollout.delay_interval import (
+    ALIKE,
+    SPEEDS,
+    delay_interval,
+    other_frictions,
+)
 from consistent_id.rollout.delay_search import (
     FIRST,
     MOST,
@@ -41,6 +46,8 @@ threshold as for other terms of a model, so that they are not selected by chance
 """
 
 _PASSES = 2  # over cut-off and velocity scale
+_QUICK = 15.0  # Hz, a cut-off that leaves most rows beside those of slow joints
+_FAR_OFF = 1.25  # times the error from which on rows are not left out
 _BEYOND = 1.5  # times a stated delay is tried at the most, if that is more than `MOST`
 
 
@@ -170,12 +177,8 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     best = _started(start, groups, problem, error)
     best = replace(best, delay=_delayed(best, candidates, [*FIRST, most], most).delay)
     best = _with_terms(best, problem, error)
-    for _ in range(_PASSES):
-        before = best
-        best = _climbed(best, "cutoff", cutoffs(problem), error)
-        best = _climbed(best, "velocity_scale", SCALES, error)
-        if best == before:
-            break
+    rested = _without_rests(best, problem, candidates, most)
+    best = min((_shaped(best, problem, error), rested), key=error)
     best = _with_motors(best, problem, candidates)
     best = _with_slopes(best, groups, error)
     best = with_springs(best, problem, error)
@@ -185,6 +188,8 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     if not np.isfinite(error(best)):
         raise candidates.none_found()
     others = other_frictions(problem, best, candidates.parts)
+    if best.least_joint_speed is None and error(rested) <= ALIKE * error(best):
+        others.append(lambda delay: candidates.squares(replace(rested, delay=delay)))
     tried = tuple(candidates.tried.items())
     skipped = list(candidates.skipped)
     if unbounded := _without_range(problem):
@@ -234,6 +239,41 @@ def _delayed(
         [*first, best.delay],
         most,
     )
+
+
+def _shaped(
+    best: Settings, problem: Problem, error: Callable[[Settings], float]
+) -> Settings:
+    """Return settings with the best cut-off and velocity scale."""
+    for _ in range(_PASSES):
+        before = best
+        best = _climbed(best, "cutoff", cutoffs(problem), error)
+        best = _climbed(best, "velocity_scale", SCALES, error)
+        if best == before:
+            break
+    return best
+
+
+def _without_rests(
+    start: Settings, problem: Problem, candidates: _Candidates, most: float
+) -> Settings:
+    """Return settings that leave out the rows of slow joints, if that may be better.
+
+    Friction that holds a joint has any value that balances it.  A torque fit that
+    predicts a certain value there is wrong, and bodies, damping and delay make up for
+    it, more so with a high cut-off.  So cut-off and delay are found again without these
+    rows.  Where joints are slow for most of the motion, too few rows are left.
+    """
+    error, usable = candidates.error, cutoffs(problem)
+    higher = min((c for c in usable if c >= _QUICK), default=start.cutoff)
+    best = replace(start, least_joint_speed=SPEEDS[0], cutoff=higher)
+    best = _climbed(best, "cutoff", usable, error)
+    if error(best) > _FAR_OFF * error(start):
+        return start
+    near = [best.delay - NEAR, best.delay, best.delay + NEAR]
+    best = replace(best, delay=_delayed(best, candidates, near, most).delay)
+    best = _shaped(best, problem, error)
+    return _climbed(best, "least_joint_speed", SPEEDS, error)
 
 
 def _climbed(

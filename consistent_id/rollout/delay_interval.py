@@ -6,7 +6,9 @@ friction of other kinds: with a sharper change of sign, with Stribeck friction t
 fades at a low and at a higher speed, and with friction that depends on the load.
 MuJoCo has none of the last two; in the replays they are a torque over time, computed
 from the measured motion, which is near the replayed one.  The interval contains the
-intervals of all kinds.  That of a delay of 0 is from 0 to its upper limit.
+intervals of all kinds.  That of a delay of 0 is from 0 to its upper limit.  Where rows
+of slow joints are left out, friction at low speed does not count; then the other kinds
+are other speeds and cut-offs that predict about as well.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,6 +30,7 @@ from consistent_id.rollout.settings import (
     Spans,
     block_squares,
     compared_fit,
+    squares_of_parts,
     with_settings,
     within,
 )
@@ -36,6 +39,13 @@ _SHARPER = 0.25  # times the velocity scale
 _FADES = (0.2, 0.5)
 """Speeds at which Stribeck friction fades, over the speed of the motion."""
 
+SPEEDS = (0.02, 0.05, 0.1)
+"""Speeds of joints below which their rows may be left out, [rad/s or m/s]."""
+
+ALIKE = 1.25
+"""Times the error of the chosen settings, up to which a delay of others counts."""
+
+_STEP = 1.33  # between cut-offs
 _APART = 2.0 * NEAR  # s, between the delays that are tried first
 _FURTHEST = 2.9 * NEAR  # s, beyond which no delay is tried
 _LACKING = ("stribeck", "load_friction")  # drive terms that replays do not have
@@ -128,19 +138,39 @@ def other_frictions(
     parts : tuple
         See `squares_of_parts`.
     """
-    speed = _speed(problem.logs("training"))
-    kinds = [replace(settings, velocity_scale=_SHARPER * settings.velocity_scale)]
-    kinds += [replace(settings, stribeck_velocity=share * speed) for share in _FADES]
-    kinds += [replace(settings, load_friction=True)]
+    kinds = _kinds(problem, settings)
 
     def squares(kind: Settings, delay: float) -> Vector:
         made = with_settings(problem, replace(kind, delay=delay))
         try:
-            return _squares(made, parts)
+            # Without rows of slow joints, friction that replays lack is not known.
+            rested = kind.least_joint_speed is not None
+            return squares_of_parts(made, parts) if rested else _squares(made, parts)
         except ConsistentIdError:
             return np.full(2 * BLOCKS_OF_PART, np.inf)
 
-    return [partial(squares, kind) for kind in kinds if _is_built(problem, kind)]
+    built = [kind for kind in kinds if _is_built(problem, kind)]
+    if settings.least_joint_speed is not None:
+        least = squares(settings, settings.delay).sum()
+        built = [k for k in built if squares(k, k.delay).sum() <= ALIKE**2 * least]
+    return [partial(squares, kind) for kind in built]
+
+
+def _kinds(problem: Problem, settings: Settings) -> list[Settings]:
+    """Return settings with other friction, or with other rows of slow joints left out.
+
+    Rows at speeds at which friction of another kind is another torque are left out with
+    those of slow joints.
+    """
+    own = settings.least_joint_speed
+    if own is not None:
+        rows = [replace(settings, least_joint_speed=v) for v in SPEEDS if v != own]
+        cutoffs = (settings.cutoff / _STEP, settings.cutoff * _STEP)
+        return rows + [replace(settings, cutoff=cutoff) for cutoff in cutoffs]
+    speed = _speed(problem.logs("training"))
+    kinds = [replace(settings, velocity_scale=_SHARPER * settings.velocity_scale)]
+    kinds += [replace(settings, stribeck_velocity=share * speed) for share in _FADES]
+    return [*kinds, replace(settings, load_friction=True)]
 
 
 def _is_built(problem: Problem, settings: Settings) -> bool:

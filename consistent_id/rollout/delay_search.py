@@ -113,6 +113,7 @@ def found_delay(
     # nor whether it has one, if the error rises from 0 on.
     vertex = _vertex(points)
     early = round(vertex, 6) < 0.0 or (vertex == best == 0.0 and len(points) > 2)
+    early |= best == 0.0 and not np.isfinite(error)
     at_bound = early or best >= most - _SAME
     limit = _limit(tried, total, most) if early else None
     error, blocks = np.inf if at_bound else error, len(tried[best])

@@ -161,6 +161,11 @@ class ProblemRollout:
         stated = self.problem.table.constraints.equal_motors
         if motors := motor_sentence(choice, stated):
             notes.append(motors)
+        if s.least_joint_speed is not None:
+            notes.append(
+                f"rows of joints slower than {s.least_joint_speed:g} rad/s (m/s) are "
+                "left out, and around reversals: friction there may have any value"
+            )
         if s.simulated:
             notes.append("only drive terms that MuJoCo has")
         if s.spring is not None:

@@ -147,6 +147,9 @@ class Settings:
         problem.
     load_friction : bool, optional
         Whether friction depends on the load; by default that of the problem.
+    least_joint_speed : float, optional, [rad/s or m/s]
+        Speed below which rows of a joint are left out, with those around its reversals;
+        by default that of the problem.
     """
 
     cutoff: float = 10.0
