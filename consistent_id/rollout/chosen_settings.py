@@ -179,6 +179,7 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     best = _with_terms(best, problem, error)
     rested = _without_rests(best, problem, candidates, most)
     best = min((_shaped(best, problem, error), rested), key=error)
+    best = _with_bodies(best, problem, candidates, most)
     best = _with_motors(best, problem, candidates)
     best = _with_slopes(best, groups, error)
     best = with_springs(best, problem, error)
@@ -252,6 +253,23 @@ def _shaped(
         if best == before:
             break
     return best
+
+
+def _with_bodies(
+    best: Settings, problem: Problem, candidates: _Candidates, most: float
+) -> Settings:
+    """Return settings with the bodies of the robot's file, if these predict better.
+
+    Where the motion determines them badly, bodies make up for what the model of the
+    drives lacks.
+    """
+    stated = problem.table.constraints.bodies == "model"
+    if stated or problem.model.robot.nominal is None:
+        return best
+    kept, error = replace(best, bodies="model"), candidates.error
+    near = [kept.delay - NEAR, kept.delay, kept.delay + NEAR]
+    kept = replace(kept, delay=_delayed(kept, candidates, near, most).delay)
+    return min((best, _shaped(kept, problem, error)), key=error)
 
 
 def _without_rests(

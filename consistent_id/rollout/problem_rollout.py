@@ -166,6 +166,11 @@ class ProblemRollout:
                 f"rows of joints slower than {s.least_joint_speed:g} rad/s (m/s) are "
                 "left out, and around reversals: friction there may have any value"
             )
+        if s.bodies is not None:
+            notes.append(
+                "bodies are those of the robot's file: with identified ones, the other "
+                "part is predicted worse"
+            )
         if s.simulated:
             notes.append("only drive terms that MuJoCo has")
         if s.spring is not None:

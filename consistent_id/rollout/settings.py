@@ -12,7 +12,7 @@ these terms, the remaining terms compensate for them.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -150,6 +150,9 @@ class Settings:
     least_joint_speed : float, optional, [rad/s or m/s]
         Speed below which rows of a joint are left out, with those around its reversals;
         by default that of the problem.
+    bodies : {"model"}, optional
+        Bodies of the robot's file, of which the drives alone are fitted; by default as
+        the problem says.
     """
 
     cutoff: float = 10.0
@@ -164,6 +167,7 @@ class Settings:
     stribeck_velocity: float | None = None
     load_friction: bool | None = None
     least_joint_speed: float | None = None
+    bodies: Literal["model"] | None = None
 
 
 def with_settings(problem: Problem, settings: Settings) -> Problem:
@@ -192,6 +196,8 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
     constraints, couplings = table.constraints, table.couplings
     if not settings.couplings:
         constraints, couplings = change(constraints, shared_motors=False), []
+    if settings.bodies is not None:
+        constraints = change(constraints, bodies=settings.bodies)
     if settings.equal_motors is not None:
         constraints = change(
             constraints, equal_motors=[list(group) for group in settings.equal_motors]
