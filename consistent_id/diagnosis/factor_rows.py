@@ -150,15 +150,15 @@ class FactorRows:
     def groups(self) -> list["Limb"]:
         """Joints that share columns, such as those of a leg."""
         there = np.zeros((len(self.own), self.width), dtype=bool)
-        for row, own in zip(there, self.own, strict=True):
-            row[own.places] = True
+        for row, columns in zip(there, self.own, strict=True):
+            row[columns.places] = True
         groups: list[tuple[list[int], BoolArray]] = []
         for j, own in enumerate(there):
             joined = [g for g in groups if (g[1] & own).any()]
             groups = [g for g in groups if not (g[1] & own).any()]
             joints = sorted([*(k for g in joined for k in g[0]), j])
             groups.append((joints, reduce(or_, (g[1] for g in joined), own)))
-        return [Limb(np.array(j), np.flatnonzero(columns)) for j, columns in groups]
+        return [Limb(np.array(j), np.flatnonzero(own)) for j, own in groups]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -260,3 +260,17 @@ def test_without_mujoco_the_message_says_how_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ModelError, match=r"pip install 'consistent-id\[mjcf\]'"):
         to_mjcf(estimate)
+
+
+def test_levels_of_friction_are_the_least_squares_that_are_not_negative():
+    from scipy.optimize import nnls
+
+    from consistent_id.export.mjcf_export import _nonnegative
+
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        shapes = np.column_stack([np.ones(65), abs(rng.normal(size=65))])
+        wanted = rng.normal(size=65) + shapes @ rng.normal(size=2)
+        np.testing.assert_allclose(
+            _nonnegative(shapes, wanted), nnls(shapes, wanted)[0], atol=1e-12
+        )

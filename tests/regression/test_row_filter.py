@@ -244,3 +244,26 @@ def test_rows_that_are_kept_are_those_that_are_computed_piece_by_piece():
     for j, rows in enumerate(motion.filtered.filled(model, columns)):
         pieces = np.concatenate([blocks[j] for _, blocks in runs])
         assert np.array_equal(rows[:, :-1], pieces[:, :-1])
+
+
+def test_rows_of_equal_motion_are_made_once_whatever_the_torque(monkeypatch):
+    model, _, log = _run(2000)
+    made = []
+    filled = FilteredRows.filled
+
+    def counted(self, *args):
+        made.append(self)
+        return filled(self, *args)
+
+    monkeypatch.setattr(FilteredRows, "filled", counted)
+    other = replace(log, torque=2.0 * log.torque)
+    faster_log = replace(log, velocity=1.1 * log.velocity)
+    one, two, three = (
+        build_regression(model, low_passed(each, torque_cutoff=CUTOFF), noise=False)
+        for each in (log, other, faster_log)
+    )
+    assert len(made) == 2  # not again for the other torque, but for another motion
+    for first, second in zip(one.factors, two.factors, strict=True):
+        np.testing.assert_allclose(abs(second[:, -1]), 2.0 * abs(first[:, -1]))
+        np.testing.assert_allclose(abs(second[:, :-1]), abs(first[:, :-1]), atol=1e-9)
+    assert not np.allclose(abs(three.factors[0]), abs(one.factors[0]))

@@ -95,3 +95,15 @@ def test_equal_arrays_are_computed_once_and_others_each():
     assert len(asked) == 4
     one[0] = 1.0
     assert total(one) == 16.0
+
+
+def test_without_an_object_results_are_kept_for_equal_arguments():
+    computed = []
+
+    @kept_with(None, most=2)
+    def sized(text):
+        computed.append(text)
+        return len(text)
+
+    assert [sized("one"), sized("three"), sized("one")] == [3, 5, 3]
+    assert computed == ["one", "three"]
