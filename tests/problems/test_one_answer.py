@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from logged import write_arm
 from schemas import parsed
-from shared_studies import shared_within
+from shared_studies import shared_within, sharing
 
 from consistent_id import Estimate, Recording, compare, load_problem
 from consistent_id.cli import main
@@ -124,11 +124,16 @@ def test_every_door_gives_the_same_answer(case, tmp_path, capsys, studies):
 
 @pytest.fixture(scope="module")
 def kuka(tmp_path_factory):
-    """A study, and the folder that identify wrote of it."""
+    """A study, and the folder that identify wrote of it by a study of its own.
+
+    Commands that read the folder use the first: they judge what a file states.
+    """
     folder = tmp_path_factory.mktemp("kuka")
     short_kuka(folder)
     assert main(["identify", str(folder), "--output", str(folder / "out")]) == 0
-    return Study(load_problem(folder)), folder
+    with sharing() as studies:
+        yield studies.one(Study(load_problem(folder))), folder
+        assert studies.made == 1
 
 
 def exported(kuka, capsys, file):
