@@ -35,7 +35,8 @@ class Studies:
             study.accepted,
         )
         if key not in self.known:
-            self.known[key] = replace(study, progress=False)
+            quiet = replace(study, progress=False) if study.progress else study
+            self.known[key] = quiet
             self.made += 1
         return self.known[key]
 

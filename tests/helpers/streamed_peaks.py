@@ -1,9 +1,9 @@
 """Peaks of memory while a log is streamed: ``python streamed_peaks.py SHORT LONG``.
 
-Two problems with logs of unlike lengths.  The peaks are printed as JSON, in MB: once the
-short log was looked through, once the long one was, once a quarter of its windows was
-compressed, and at the end.  Windows and the rows for noise are few, so that what is in
-use at once is small beside a log that is kept.
+The logs of the two problems have unlike lengths.  The peaks are printed as JSON, in MB:
+after the short log was looked through, after the long one was, after a quarter of its
+windows was compressed, and at the end.  Windows are short, and rows for noise few, so
+that what is in use at once is small beside a log that is kept.
 """
 
 import json

@@ -35,7 +35,6 @@ from consistent_id.report.page import SECTIONS
 from consistent_id.report.results_writing import study_record
 from consistent_id.report.summary import expected_lines, headline_tables, slack_table
 
-
 studies = shared_within("module")
 
 
