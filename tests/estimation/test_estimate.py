@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import fields, replace
+from functools import cache
 from time import perf_counter
 
 import numpy as np
@@ -33,15 +34,20 @@ from consistent_id.regression import base_parameters, joint_noise, segment_regre
 from consistent_id.regression.residual_noise import unconstrained_fit
 
 
-def estimated(seed=2, **options):
-    model, _, log = experiment(seed, joints=2, noise=0.3, samples=900)
+@cache
+def estimated():
+    return estimated_with()
+
+
+def estimated_with(**options):
+    model, _, log = experiment(2, joints=2, noise=0.3, samples=900)
     regression = build_regression(model, log)
     return constrained_least_squares(model, regression, **options), log
 
 
 def test_an_estimate_knows_the_conditions_that_its_uncertainty_needs():
     conditions = [PhysicalConsistency(), FixedMasses()]
-    estimate, log = estimated(constraints=conditions, prior=Penalty(0.1))
+    estimate, log = estimated_with(constraints=conditions, prior=Penalty(0.1))
     found = estimate.uncertainty(log, replicates=5, seed=3)
     expected = uncertainty(
         estimate.model,

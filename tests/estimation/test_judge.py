@@ -6,7 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from experiments import experiment, pendulum
-from judged_logs import good_with, kinds, log, model, verdict_of, with_torque
+from judged_logs import (
+    good_estimate,
+    good_with,
+    kinds,
+    log,
+    model,
+    verdict_of,
+    with_torque,
+)
 
 from consistent_id import (
     FixedMasses,
@@ -74,7 +82,7 @@ def test_torque_that_has_nothing_to_do_with_the_motion_is_not_used():
 
 
 def test_a_negative_mass_is_never_used_and_says_so():
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     x = good.parameters.copy()
     x[0] *= -1.0
     verdict = replace(good, parameters=x).verdict
@@ -83,7 +91,7 @@ def test_a_negative_mass_is_never_used_and_says_so():
 
 
 def test_a_body_without_mass_is_not_used():
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     x = good.parameters.copy()
     x[10:20] = 0.0
     assert "vanishing mass" in kinds(replace(good, parameters=x).verdict)
@@ -98,7 +106,7 @@ def test_a_negative_rotor_inertia_is_caught_by_the_mass_matrix():
 
 
 def test_findings_decide_and_can_be_accepted():
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     evidence = good.evidence()
     words = {}
     for severity in ("fault", "warning", "note"):
@@ -140,7 +148,7 @@ def test_a_late_torque_that_leaves_much_unexplained_is_not_used(
 
 
 def test_an_error_above_predicting_nothing_is_never_used():
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     other = with_torque(np.negative)
     (report,) = compare([good], [other]).reports
     assert report.held_out_error > 1.0
@@ -149,7 +157,7 @@ def test_an_error_above_predicting_nothing_is_never_used():
 
 
 def test_a_joint_that_rests_while_tested_does_not_decide():
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     error = compare([good], [log()]).reports[0].validation[0]
     quiet = replace(
         error, relative=np.array([0.01, 5.0]), torque=error.torque * [1.0, 1e-3]
@@ -158,7 +166,7 @@ def test_a_joint_that_rests_while_tested_does_not_decide():
 
 
 def test_each_share_of_torque_says_of_which_joints_and_data_it_is():
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     error = compare([good], [log()]).reports[0].validation[0]
     fit = replace(good.fit, misfits=np.array([0.01, 0.41]), shares=np.ones(2))
     far = replace(error, stacked=0.31, stacked_beyond=0.31, beyond=0.45 * error.torque)
@@ -194,7 +202,7 @@ def test_recordings_are_named_or_counted():
 
 
 def test_an_unproven_optimum_asks_for_care():
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     doubted = replace(
         good, certificate=replace(good.certificate, verdict="uncertified")
     )
@@ -224,7 +232,7 @@ def test_a_contradicting_mass_is_said_by_the_excess():
 
 
 def test_fit_and_acceptance_survive_the_file(tmp_path):
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     good = replace(good, accepted=("clock",))
     read = Estimate.load(good.save(tmp_path / "e.json"), good.model, good.base)
     assert read.fit.to_dict() == good.fit.to_dict()
@@ -234,7 +242,7 @@ def test_fit_and_acceptance_survive_the_file(tmp_path):
 
 def test_a_file_is_json_whatever_figures_an_estimate_has(tmp_path):
     """JSON has no word for NaN and infinity [RFC 8259]."""
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     proof = good.certificate
     odd = replace(proof, figures={"known": 0.5, "none": np.nan, "endless": np.inf})
     file = replace(good, certificate=odd).save(tmp_path / "e.json")
@@ -250,7 +258,7 @@ def test_a_file_is_json_whatever_figures_an_estimate_has(tmp_path):
 
 
 def test_a_verdict_of_who_knows_more_goes_with_the_estimate_into_its_file(tmp_path):
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     found = LogFinding("clock", "fault", "log", "seen", "mend it")
     (report,) = compare([good], [log()], findings=[found]).reports
     words = good.verdict.word, report.with_verdict.verdict.word
@@ -299,7 +307,7 @@ def test_correlated_residuals_are_worth_knowing_and_change_no_verdict():
 
 
 def test_few_independent_samples_ask_for_care():
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     few = replace(good, fit=replace(good.fit, spare=2.9, correlation=40.0))
     (reason,) = said(few.verdict, "few samples")
     assert (few.verdict.word, reason.word) == ("use with care", "use with care")
@@ -307,7 +315,7 @@ def test_few_independent_samples_ask_for_care():
 
 
 def test_data_against_all_bodies_are_worth_knowing_and_change_no_verdict():
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     evidence = replace(good.evidence(), contradicted="chi^2 rises by 80")
     verdict = judge(evidence)
     (reason,) = said(verdict, "physical consistency")
@@ -315,7 +323,7 @@ def test_data_against_all_bodies_are_worth_knowing_and_change_no_verdict():
 
 
 def test_an_estimate_of_an_older_file_has_no_figures_of_noise():
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     record = good.fit.to_dict()
     del record["spare"], record["correlation"]
     assert np.isnan(type(good.fit).from_dict(record).spare)

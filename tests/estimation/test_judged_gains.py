@@ -5,12 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from judged_logs import good_with, kinds, log, model, verdict_of, with_torque
+from judged_logs import (
+    good_estimate,
+    good_with,
+    kinds,
+    log,
+    model,
+    verdict_of,
+    with_torque,
+)
 
 from consistent_id import (
     Recording,
-    build_regression,
-    constrained_least_squares,
 )
 from consistent_id.estimation import judge
 from consistent_id.estimation.fit import usual_efforts
@@ -41,7 +47,7 @@ def test_peaks_beyond_an_effort_limit_are_doubted_even_if_the_gain_is_confirmed(
 
 
 def test_peaks_of_few_samples_beyond_an_effort_limit_are_a_note():
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     fit = replace(good.fit, efforts=np.array([2.0, 0.5]))
     for usual, word in (([1.1, 0.5], "use"), ([1.3, 0.5], "use with care")):
         verdict = judge(
@@ -160,7 +166,7 @@ def test_a_gain_that_may_make_an_eighth_of_all_torque_wrong_is_doubted(
 
 
 def test_a_strong_joint_s_gain_that_the_others_confirm_is_not_doubted():
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     figures = {"slopes": [1.14, 1.0], "explained": [0.9] * 2, "expected": [0.5] * 2}
     changed = {name: np.array(values) for name, values in figures.items()}
     fit = replace(good.fit, torque=np.array([10.0, 1.0]), **changed)
@@ -173,7 +179,7 @@ def test_a_strong_joint_s_gain_that_the_others_confirm_is_not_doubted():
 
 def good_and_found(slopes, *findings, accepted=(), **figures):
     """The verdict on a clean log with other slopes, and with findings."""
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     both = np.array([0.9, 0.9])
     changed = {name: np.array(values) for name, values in figures.items()}
     given = {"slopes": np.array(slopes), "explained": both, "expected": both}

@@ -1,5 +1,7 @@
 """Robots of the package example-robot-data, if it is there, with other bodies."""
 
+from functools import lru_cache
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -9,12 +11,22 @@ from robots import random_body
 from urdf_torques import assert_same_torque
 
 from consistent_id import TorqueModel, to_urdf
+from consistent_id.motion.collisions import urdf_bodies
 from consistent_id.repair import repair_urdf
 from consistent_id.robot import load_urdf
 
 SOME = [path for path in FILES[::5] if path.name not in NO_ROBOTS]
 
 pytestmark = pytest.mark.skipif(not FILES, reason="example-robot-data is missing")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _meshes_read_once():
+    """Several robots, and several links of one, have the same meshes."""
+    with pytest.MonkeyPatch.context() as patch:
+        read = lru_cache(maxsize=64)(urdf_bodies.mesh_triangles)
+        patch.setattr(urdf_bodies, "mesh_triangles", read)
+        yield
 
 
 @pytest.mark.slow

@@ -1,5 +1,8 @@
 """A problem whose log is MuJoCo's own, of a leg with drives that are known."""
 
+from functools import cache
+from io import StringIO
+
 import mujoco
 import numpy as np
 
@@ -66,23 +69,31 @@ def write_leg(folder, delay=0.0, stribeck=0.0):
     fades at 0.3 rad/s.
     """
     (folder / "leg.xml").write_text(ROBOT.format(hip="", knee=""))
-    true = ROBOT.format(**TRUTH)
-    (folder / "true.xml").write_text(true)
+    (folder / "true.xml").write_text(ROBOT.format(**TRUTH))
     (folder / "problem.toml").write_text(PROBLEM)
-    model = mujoco.MjModel.from_xml_string(true.replace("<freejoint/>", ""))
+    (folder / "log.csv").write_text(_log(delay, stribeck))
+
+
+@cache
+def _log(delay, stribeck):
+    true = ROBOT.format(**TRUTH).replace("<freejoint/>", "")
+    model = mujoco.MjModel.from_xml_string(true)
     model.opt.timestep = 1e-4  # of first order, by the robot's own drives
     data, rows, late = mujoco.MjData(model), [], round(delay / 1e-4)
     level = model.dof_frictionloss.copy()
+    commands = [_told(k) for k in range(1900)]
     for k in range(1900):
-        rows.append([k / 200.0, *data.qpos, *_told(k)])
+        rows.append([k / 200.0, *data.qpos, *commands[k]])
         for step in range(50 * k - late, 50 * (k + 1) - late):
-            told = _told(max(step // 50, 0))
-            more = stribeck * np.exp(-((data.qvel / 0.3) ** 2))
-            model.dof_frictionloss[:] = level * (1.0 + more)
+            told = commands[max(step // 50, 0)]
+            if stribeck:
+                more = stribeck * np.exp(-((data.qvel / 0.3) ** 2))
+                model.dof_frictionloss[:] = level * (1.0 + more)
             data.qfrc_applied = 25.0 * (told - data.qpos) - 1.0 * data.qvel
             mujoco.mj_step(model, data)
-    head = "time,q1,q2,qdes1,qdes2"
-    np.savetxt(folder / "log.csv", rows, delimiter=",", header=head, comments="")
+    head, text = "time,q1,q2,qdes1,qdes2", StringIO()
+    np.savetxt(text, rows, delimiter=",", header=head, comments="")
+    return text.getvalue()
 
 
 def _told(k):

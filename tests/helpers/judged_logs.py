@@ -51,8 +51,13 @@ def with_torque(change):
     return altered(log(), lambda raw: replace(raw, torque=change(raw.torque)))
 
 
+@cache
+def good_estimate():
+    return constrained_least_squares(model(), build_regression(model(), log()))
+
+
 def good_with(**figures):
     """The verdict on a clean log, with other figures of its fit."""
-    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = good_estimate()
     changed = {name: np.array(values) for name, values in figures.items()}
     return judge(replace(good.evidence(), fit=replace(good.fit, **changed)))

@@ -35,7 +35,8 @@ class Studies:
             study.accepted,
         )
         if key not in self.known:
-            self.known[key] = replace(study, progress=False)
+            quiet = replace(study, progress=False) if study.progress else study
+            self.known[key] = quiet
             self.made += 1
         return self.known[key]
 
@@ -56,13 +57,22 @@ def no_study_shared():
     return _making(_study_of)
 
 
+@contextmanager
+def sharing(study=None) -> Iterator[Studies]:
+    """Let commands share their studies, and use this one for its own problem."""
+    found = Studies()
+    if study is not None:
+        found.one(study)
+    with _making(lambda *given: found.one(_study_of(*given))):
+        yield found
+
+
 def shared_within(scope):
     """Return a fixture of that scope in which commands share their studies."""
 
     @pytest.fixture(scope=scope, name="studies")
     def studies():
-        found = Studies()
-        with _making(lambda *given: found.one(_study_of(*given))):
+        with sharing() as found:
             yield found
 
     return studies

@@ -67,7 +67,7 @@ def logs_of(folder, log, hints=None, robot="robot.xml"):
 
 @pytest.mark.slow
 def test_a_trunk_is_found_from_a_robot_and_logs_alone(tmp_path):
-    folder = write_logs(tmp_path, "training", "validation", seconds=20.0)
+    folder = write_logs(tmp_path, "training", "validation", seconds=12.0)
     study = ci.identify_log(
         folder / "robot.xml",
         folder / "training.csv",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from logged import write_arm
 from schemas import parsed
-from shared_studies import shared_within
+from shared_studies import shared_within, sharing
 
 from consistent_id import Estimate, Recording, compare, load_problem
 from consistent_id.cli import main
@@ -74,7 +74,7 @@ CASES = {
     "arm": arm,
     "commanded leg": commanded_leg,
     "rx60": own("rx60"),
-    "short kuka": short_kuka,
+    "short kuka": None,  # the fixture `kuka` has it
     "walker": own("walker"),
     "unitree_z1": own("unitree_z1", data=True),
     "ur10e": own("ur10e", data=True),
@@ -104,11 +104,15 @@ LONG_STUDIES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
-def test_every_door_gives_the_same_answer(case, tmp_path, capsys, studies):
+def test_every_door_gives_the_same_answer(case, tmp_path, capsys, studies, request):
     folder = tmp_path / "problem"
     folder.mkdir()
-    place = CASES[case](folder) or folder
-    study = studies.one(Study(load_problem(place))).run(costs=False)
+    if case == "short kuka":
+        study, place = request.getfixturevalue("kuka")
+    else:
+        place = CASES[case](folder) or folder
+        study = Study(load_problem(place))
+    study = studies.one(study).run(costs=False)
     expected = json.loads(json.dumps(study.answer()))
     assert list(expected) == ["method", "verdict", *ANSWER[2:]]
     assert expected["findings"] or case in NOTHING_WRONG
@@ -124,7 +128,7 @@ def test_every_door_gives_the_same_answer(case, tmp_path, capsys, studies):
 
 @pytest.fixture(scope="module")
 def kuka(tmp_path_factory):
-    """A study, and the folder that identify wrote of it."""
+    """A study, and the folder that identify wrote of it by a study of its own."""
     folder = tmp_path_factory.mktemp("kuka")
     short_kuka(folder)
     assert main(["identify", str(folder), "--output", str(folder / "out")]) == 0
@@ -132,10 +136,12 @@ def kuka(tmp_path_factory):
 
 
 def exported(kuka, capsys, file):
-    """Return what export says of an estimate in a file."""
-    place = kuka[1]
+    """Return what export says of an estimate in a file, by the study that is given."""
+    study, place = kuka
     out = ("--format", "json", "--output", place / "robot.json", "--dry-run")
-    record, _ = said(capsys, "export", place, *out, "--estimate", file)
+    with sharing(study) as studies:
+        record, _ = said(capsys, "export", place, *out, "--estimate", file)
+        assert studies.made == 1
     return record
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from logged import write_arm
 from report_pages import Page
+from shared_studies import shared_within
 from some_fast import some_fast
 
 from consistent_id import (
@@ -33,6 +34,8 @@ from consistent_id.report import report_html
 from consistent_id.report.page import SECTIONS
 from consistent_id.report.results_writing import study_record
 from consistent_id.report.summary import expected_lines, headline_tables, slack_table
+
+studies = shared_within("module")
 
 
 @pytest.fixture(scope="module", params=some_fast(["arm", "rx60"], fast=0))
@@ -298,7 +301,7 @@ def test_a_section_that_fails_loses_only_itself(
 )
 @pytest.mark.slow
 def test_the_shell_says_what_could_not_be_made_after_all_else_was_written(
-    tmp_path, capsys, monkeypatch, name, arguments, lost
+    tmp_path, capsys, monkeypatch, studies, name, arguments, lost
 ):
     problem, whole, part = "problems/rx60", tmp_path / "whole", tmp_path / "part"
     for folder in (whole, part):

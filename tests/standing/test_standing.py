@@ -218,7 +218,7 @@ def test_a_longer_log_tells_more(stance):
 @pytest.mark.slow
 def test_a_design_keeps_its_limits_and_tells_more_than_motions_by_hand(stance):
     design = design_standing(
-        stance, model_of(stance), LIMITS, duration=8, candidates=64
+        stance, model_of(stance), LIMITS, duration=4, candidates=64
     )
     checked = design.checked
     assert max(use.share for use in checked.uses) <= 1.0
@@ -229,7 +229,7 @@ def test_a_design_keeps_its_limits_and_tells_more_than_motions_by_hand(stance):
     cone = LIMITS.friction_share * LIMITS.friction
     assert np.all(np.linalg.norm(along, axis=2) <= cone * press + 1e-9)
     by_hand = [
-        _in_limits(stance, path_of(seed=seed, duration=8.0)) for seed in range(3)
+        _in_limits(stance, path_of(seed=seed, duration=4.0)) for seed in range(3)
     ]
     trunk = stance.robot.links[0].nominal
     sizes = [relative_size(errors, trunk) for errors in by_hand]
@@ -240,9 +240,13 @@ def test_a_design_keeps_its_limits_and_tells_more_than_motions_by_hand(stance):
 
 def _in_limits(stance, path):
     """Errors of a path that is as large as its limits allow."""
-    time = np.linspace(0, path.duration, 4001)
+    time = np.linspace(0, path.duration, 2001)
     for factor in np.geomspace(4.0, 0.05, 40):
-        motion = standing_motion(stance, LIMITS, path.scaled(factor), time)
+        scaled = path.scaled(factor)
+        # What is too much at every tenth of these instants is too much at all of them.
+        if standing_motion(stance, LIMITS, scaled, time[::10]).largest > 1.0:
+            continue
+        motion = standing_motion(stance, LIMITS, scaled, time)
         if motion.largest <= 1.0:
             return trunk_errors(stance, model_of(stance), motion, 500.0)
     raise AssertionError("no size keeps the limits")

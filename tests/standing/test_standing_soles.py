@@ -115,7 +115,7 @@ def test_any_body_may_be_the_one_that_is_not_known(stance):
 def test_a_design_on_soles_keeps_their_contact(stance):
     model = ci.TorqueModel(stance.robot, DRIVE)
     design = ci.standing.design_standing(
-        stance, model, link="torso_link", duration=8.0, candidates=16
+        stance, model, link="torso_link", duration=4.0, candidates=16
     )
     assert design.link == "torso_link" and design.checked.largest <= 1.0
     assert {use.what for use in design.checked.uses} >= {
