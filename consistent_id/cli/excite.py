@@ -64,6 +64,17 @@ def _position(text: str) -> tuple[str, float]:
         ) from None
 
 
+def _pair(text: str) -> tuple[str, str]:
+    """Read the names of two bodies."""
+    names = _words(text)
+    if len(names) != 2 or not all(names):
+        raise argparse.ArgumentTypeError(
+            f"{text}: expected two bodies or links with a comma between them, such as "
+            "ground,base_link"
+        )
+    return names[0], names[1]
+
+
 _LIMITS = (
     Option("--duration SECONDS", "duration of the motion (default: 10)", positive),
     Option(
@@ -99,7 +110,8 @@ _LIMITS = (
     ),
     Option(
         "--clearance METRES",
-        "least distance between bodies that must not touch",
+        "least distance between bodies, refused if no pose keeps it (default: 0.02, "
+        "less for pairs that are always nearer)",
         positive,
     ),
 )
@@ -157,6 +169,11 @@ _MOTION = (
         const=False,
     ),
     Option("--ground METRES", "height of a floor that the robot must not touch", float),
+    Option(
+        "--allowed BODY,BODY ...",
+        "pairs of bodies or links that may touch, such as ground,base_link",
+        _pair,
+    ),
 )
 MOTION = Group(
     "the motion",
@@ -210,7 +227,10 @@ def estimates(options: argparse.Namespace) -> list[Path]:
 def motion_changes(options: argparse.Namespace) -> dict[str, Any]:
     """Return the keys of ``[excitation]`` that were given, None for the others."""
     changes = {option.name: getattr(options, option.name) for option in _MOTION}
-    return changes | {"start_pose": dict(options.start_pose) or None}
+    return changes | {
+        "start_pose": dict(options.start_pose) or None,
+        "allowed": list(options.allowed) or None,
+    }
 
 
 _RATE = 200.0  # Hz, of the files of samples

@@ -89,12 +89,26 @@ def _distances(scene: Scene) -> str:
         if wanted == 0.0:
             close = (pair for pair in scene.pairs if pair.wanted == wanted)
             names = tuple(" and ".join(scene.names(pair)) for pair in close)
-            apart.append(f"{pairs} must not touch ({some_of(names, _NAMED)})")
+            why = _relaxed_words(scene)
+            apart.append(f"{pairs} must not touch ({some_of(names, _NAMED)}{why})")
         else:
             verb = "stay" if count > 1 else "stays"
-            apart.append(f"{pairs} {verb} {wanted * 1e3:.3g} mm apart")
+            apart.append(f"{pairs} {verb} {wanted * 1e3:.4g} mm apart")
     how = "checked" if scene.unchecked else PROVEN
     return f"bodies: {', '.join(apart)}, {how}{adjacent_words(scene)}; {_around(scene)}"
+
+
+def _relaxed_words(scene: Scene) -> str:
+    """Return why some pairs must only not touch: they hardly can be farther apart."""
+    relaxed = {frozenset((n.first, n.second)) for n in scene.notes if n.watched}
+    count = sum(
+        pair.wanted == 0.0 and frozenset(scene.names(pair)) in relaxed
+        for pair in scene.pairs
+    )
+    if not count:
+        return ""
+    of = "" if count == sum(p.wanted == 0.0 for p in scene.pairs) else f" of {count}"
+    return f"; the default clearance{of} is relaxed: few poses or none keep it"
 
 
 def _around(scene: Scene) -> str:

@@ -1,5 +1,6 @@
 """A robot's own shapes are kept apart where nothing is said of collisions."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -30,6 +31,8 @@ LINKS = """
 """
 BOX = """<collision><origin xyz="{x} 0 0"/><geometry>
     <box size="{length} 0.1 0.1"/></geometry></collision>"""
+DISC = """<collision><geometry><cylinder radius="0.52" length="0.1"/></geometry>
+    </collision>"""
 MESH = """<collision><geometry><mesh filename="package://gone/hand.stl"/></geometry>
     </collision>"""
 
@@ -153,6 +156,41 @@ def test_every_distance_is_said_with_its_pairs(tmp_path):
     near = f"1 pair must not touch ({named})"
     assert said.startswith(f"bodies: {several} 20 mm apart, {near}")
     assert f"one joint connects are not checked ({scene.adjacent})" in said
+
+
+def test_a_stated_clearance_that_no_pose_keeps_is_refused_and_the_default_relaxed(
+    tmp_path, capsys
+):
+    """A disc about the wrist is 30 mm away from the upper arm if the elbow is straight.
+
+    The upper arm ends 50 mm before the elbow, the wrist is 500 mm behind it.
+    """
+    file = _robot(tmp_path, hand=DISC)
+    asked = ["excite", str(file), "--acceleration", "5", "--dry-run"]
+    assert main([*asked, "--clearance", "1"]) == 2
+    said = capsys.readouterr().err
+    assert "1000 mm is stated" in said and "'upper' and 'hand'" in said
+    assert "30.0 mm, at elbow = " in said and "--allowed upper,hand" in said
+    assert main(asked) == 0
+    first = " ".join(capsys.readouterr().out.split()[:60])
+    assert "must not touch (upper and hand; the default clearance is relaxed" in first
+    assert main([*asked, "--clearance", "1", "--allowed", "upper,hand"]) == 2
+    assert "'upper' and 'hand'" not in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main([*asked, "--allowed", "upper"])
+    assert "expected two bodies or links" in capsys.readouterr().err
+
+
+def test_a_floor_that_is_too_high_is_refused_with_bodies_pose_and_height(
+    tmp_path, capsys
+):
+    file = _robot(tmp_path)
+    asked = ["excite", str(file), "--acceleration", "5", "--dry-run", "--ground"]
+    assert main([*asked, "0.6"]) == 2
+    said = capsys.readouterr().err
+    assert "'ground' and 'upper'" in said and "shoulder = " in said
+    assert "penetrate each other by 650.0 mm" in said
+    assert main([*asked, re.search(r"--ground (-[\d.]+) or less", said)[1]]) == 0
 
 
 def test_a_limit_of_some_joints_is_said_with_the_joints_that_lack_it(tmp_path):
