@@ -17,13 +17,14 @@ from consistent_id.excitation.playable import ValidationPath
 from consistent_id.excitation.verification import Demands, PathProof
 from consistent_id.motion.collisions.bodies import HalfSpace
 from consistent_id.motion.collisions.clearance import ClearanceReport
-from consistent_id.motion.collisions.scene import Scene
+from consistent_id.motion.collisions.scene import NEIGHBOURS, Scene
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.margins import Margin
 from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.base import ConditionNumber
 
 PROVEN = "proven for all times"
+TO_PROVE = "to be proven for all times"
 _STATED = ("velocity", "acceleration", "jerk", "effort")
 _NAMED = 4  # of unchecked bodies or of obstacles, in one sentence
 _HARDLY = 0.1  # share of a joint's range, or rad or m without one
@@ -31,22 +32,28 @@ _SAMPLES = 1000
 
 
 def clearance_words(scene: Scene) -> str:
-    """Return the least distance of a scene's pairs, "proven" or only "checked"."""
+    """Return what is "proven" of a scene's pairs, or only "checked"; and the others."""
+    pairs = f"{len(scene.pairs)} pairs of bodies"
     if scene.unchecked:
-        return f"{len(scene.pairs)} pairs of bodies checked; others are not"
-    return (
-        f"{len(scene.pairs)} pairs of bodies checked; {PROVEN}{adjacent_words(scene)}"
-    )
+        return f"{pairs} checked; others are not"
+    return f"{pairs}: {PROVEN}{left_out_words(scene)}"
 
 
-def adjacent_words(scene: Scene) -> str:
-    """Return words on pairs that one joint connects, which are not checked."""
-    if not scene.adjacent:
-        return ""
-    return f"; pairs that one joint connects are not checked ({scene.adjacent})"
+def left_out_words(scene: Scene) -> str:
+    """Return which pairs are left out of a proof, and why."""
+    words = []
+    if (count := len(scene.adjacent)) > 0:
+        names = tuple(" and ".join(pair) for pair in scene.adjacent)
+        pairs = f"{count} pair{'s' if count > 1 else ''}"
+        words.append(f"{pairs} of {NEIGHBOURS} ({some_of(names, _NAMED)})")
+    allowed = tuple(f"{n.first} and {n.second}" for n in scene.notes if n.wanted)
+    if allowed:
+        pairs = f"{len(allowed)} pair{'s' if len(allowed) > 1 else ''}"
+        words.append(f"{pairs} that may touch, as stated ({some_of(allowed, _NAMED)})")
+    return f"; left out: {' and '.join(words)}" if words else ""
 
 
-def kept_limits(demands: Demands) -> str:
+def kept_limits(demands: Demands, proven: str = PROVEN) -> str:
     """Return which limits of motion and torque are kept, and which are not stated.
 
     A limit that only some joints have is named with the joints that lack it.
@@ -64,14 +71,14 @@ def kept_limits(demands: Demands) -> str:
         if not its.all()
     ]
     more = f"; no limit is stated for {', '.join(missing)}" if missing else ""
-    return f"limits of {kept}: {PROVEN}{more}"
+    return f"limits of {kept}: {proven}{more}"
 
 
-def kept_apart(scene: Scene | None) -> tuple[str, ...]:
-    """Return the least distances of bodies, their surroundings, and unchecked pairs."""
+def kept_apart(scene: Scene | None, proven: str = PROVEN) -> tuple[str, ...]:
+    """Return what is proven of which bodies, what is left out, and what is unknown."""
     if scene is None:
         return ("collisions: NOT CHECKED",)
-    found = [_distances(scene)]
+    found = [_distances(scene, proven)]
     if scene.unchecked:
         found.insert(
             0, f"NOT CHECKED for collisions: {some_of(scene.unchecked, _NAMED, '; ')}"
@@ -79,7 +86,7 @@ def kept_apart(scene: Scene | None) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _distances(scene: Scene) -> str:
+def _distances(scene: Scene, proven: str) -> str:
     if not scene.pairs:
         return "bodies: no two can come together"
     counts = Counter(pair.wanted for pair in scene.pairs)
@@ -94,8 +101,13 @@ def _distances(scene: Scene) -> str:
         else:
             verb = "stay" if count > 1 else "stays"
             apart.append(f"{pairs} {verb} {wanted * 1e3:.4g} mm apart")
-    how = "checked" if scene.unchecked else PROVEN
-    return f"bodies: {', '.join(apart)}, {how}{adjacent_words(scene)}; {_around(scene)}"
+    count = len(scene.pairs)
+    which = f"{count} pairs that can come together" if count > 1 else "one pair"
+    how = "checked" if scene.unchecked else proven
+    return (
+        f"bodies: {how} between {which}: {', '.join(apart)}{left_out_words(scene)}; "
+        f"{_around(scene)}"
+    )
 
 
 def _relaxed_words(scene: Scene) -> str:
@@ -378,6 +390,11 @@ def _scene(
         "pairs": [
             {"bodies": list(scene.names(pair)), "wanted_m": pair.wanted}
             for pair in scene.pairs
+        ],
+        "statement": list(kept_apart(scene)),
+        "left_out": [
+            {"bodies": [first, second], "why": why}
+            for first, second, why in scene.left_out
         ],
         "notes": [str(note) for note in scene.notes],
         "dropped": [link for link, _ in scene.dropped],

@@ -23,7 +23,7 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import PathForm, parameters_named
 from consistent_id.excitation.design_record import (
     PROVEN,
-    adjacent_words,
+    TO_PROVE,
     design_record,
     design_tables,
     kept_apart,
@@ -224,7 +224,7 @@ def planned(problem: Problem, parameters: ArrayLike | None = None) -> Plan:
         "periods": request.periods or 1,
         "start_pose": request.start_pose,
         "limits": limits_record(request.limits),
-        "kept_apart": list(kept_apart(required.scene)),
+        "kept_apart": list(kept_apart(required.scene, TO_PROVE)),
         "notes": list(request.notes),
         "tables": [asdict(table) for table in tables],
     }
@@ -265,7 +265,10 @@ def _proven_words(scene: Scene | None) -> str:
     of = "limits and clearances"
     if scene.unchecked:
         of = "limits, and clearances of the bodies that are checked,"
-    return f"{of} {PROVEN}{adjacent_words(scene)}"
+    left = len(scene.left_out)
+    pairs = f"{left} pair{'s' if left > 1 else ''}"
+    without = f", without the {pairs} left out above" if left else ""
+    return f"{of} {PROVEN}{without}"
 
 
 def _rows(playable: PlayableDesign) -> Iterator[tuple[str, ...]]:
@@ -290,9 +293,10 @@ def request_tables(
         bound = f", condition number up to {aim.condition_at_most:g}"
     objectives = ", then ".join(aim.objectives) + bound * (len(aim.objectives) > 1)
     pose, times = request.start_pose, request.periods or 1
+    apart = kept_apart(required.scene, TO_PROVE)
     lines = [
-        ("collisions", "; ".join(kept_apart(required.scene)).removeprefix(_COLLISIONS)),
-        ("limits", kept_limits(required).removeprefix("limits of ")),
+        ("collisions", "; ".join(apart).removeprefix(_COLLISIONS)),
+        ("limits", kept_limits(required, TO_PROVE).removeprefix("limits of ")),
         ("duration", f"{form.duration:g} s"),
         ("frequencies", tried),
         ("ends", _ends(form)),

@@ -63,7 +63,9 @@ def test_shapes_of_the_file_are_watched_by_default_and_adjacent_ones_are_not(tmp
     pairs = {frozenset(scene.names(pair)) for pair in scene.pairs}
     apart = {("base", "lower"), ("base", "hand"), ("upper", "hand")}
     assert pairs == {frozenset(two) for two in apart}
-    assert scene.adjacent == 3 and "3 pairs" in scene.remarks[0]
+    neighbours = {("base", "upper"), ("upper", "lower"), ("lower", "hand")}
+    assert set(scene.adjacent) == neighbours
+    assert all(" and ".join(names) in scene.remarks[0] for names in neighbours)
     assert "--no-collisions" in request.notes[0]
     # The hand folded on to the upper arm: 0.5 - 0.5 along it, by hand.
     folded = nearest(scene, [[0.0, 3.0, 3.0]])
@@ -154,8 +156,32 @@ def test_every_distance_is_said_with_its_pairs(tmp_path):
     several = f"{len(others)} pairs stay" if len(others) > 1 else "1 pair stays"
     named = " and ".join(scene.names(first))
     near = f"1 pair must not touch ({named})"
-    assert said.startswith(f"bodies: {several} 20 mm apart, {near}")
-    assert f"one joint connects are not checked ({scene.adjacent})" in said
+    assert f"3 pairs that can come together: {several} 20 mm apart, {near}" in said
+
+
+def test_what_is_proven_and_what_is_left_out_is_one_statement(tmp_path):
+    file = _robot(tmp_path)
+    changes = {"ground": -0.5, "allowed": [("base", "hand")]}
+    scene = _request(file, **changes).scene
+    (said,) = kept_apart(scene)
+    assert said.startswith("bodies: proven for all times between ")
+    proven, left = said.split("; left out: ")
+    # The floor and three links, and base and lower, upper and hand.
+    assert "5 pairs that can come together: 5 pairs stay 20 mm apart" in proven
+    assert left.startswith("3 pairs of neighbours, whose shapes overlap at their joint")
+    assert "base and upper, upper and lower, lower and hand" in left
+    assert "1 pair that may touch, as stated (base and hand)" in left
+    names = [pair[:2] for pair in scene.left_out]
+    apart = [scene.names(pair) for pair in scene.pairs]
+    assert len({frozenset(pair) for pair in [*names, *apart]}) == 9
+
+
+def test_a_plan_does_not_say_that_anything_is_proven(tmp_path, capsys):
+    file = _robot(tmp_path)
+    assert main(["excite", str(file), "--acceleration", "5", "--dry-run"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "to be proven for all times between 3 pairs" in told
+    assert not re.search(r"(?<!to be )proven", told)
 
 
 def test_a_stated_clearance_that_no_pose_keeps_is_refused_and_the_default_relaxed(

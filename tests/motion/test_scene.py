@@ -8,8 +8,8 @@ import pytest
 
 from consistent_id import DHRow, ProblemError, from_modified_dh
 from consistent_id.motion import Body, Box, Hull, Scene, Sphere, build_scene, plane
-from consistent_id.motion.collisions.scene import Pair
 from consistent_id.motion.collisions.farthest import random_poses
+from consistent_id.motion.collisions.scene import Pair
 from consistent_id.motion.collisions.separation import nearest
 from consistent_id.robot import JointLimits
 
@@ -55,7 +55,9 @@ def test_bodies_of_the_robot_that_always_touch_are_told_and_not_watched():
 
 def test_an_obstacle_that_always_touches_is_refused_unless_it_is_allowed():
     bodies = [Body("floor", Box((1, 1, 1))), _ball("link1")]
-    said = r"'floor' and 'ball on link1' apart\. .*joint1 = .* penetrate .* by \d+\.\d mm"
+    said = (
+        r"'floor' and 'ball on link1' apart\. .*joint1 = .* penetrate .* by \d+\.\d mm"
+    )
     with pytest.raises(ProblemError, match=said):
         build_scene(ARM, bodies)
     with pytest.raises(ProblemError, match="--allowed floor,ball on link1"):

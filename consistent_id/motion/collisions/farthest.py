@@ -37,7 +37,7 @@ _NAMED = 3  # of other pairs, in a message
 
 
 class FarthestPose(NamedTuple):
-    """The pose, shape (joints,), in which a pair is farthest apart, and the distance."""
+    """The pose, (joints,), in which a pair is farthest apart, and the distance."""
 
     pair: Pair
     pose: Vector

@@ -6,7 +6,6 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array
 from consistent_id._support.given_values import require_type, require_types
@@ -90,9 +89,9 @@ def build_scene(
     Raises
     ------
     ProblemError
-        If a name is unknown, or an obstacle touches the robot in every pose, or, without
-        `relax`, no pose keeps two bodies as far apart as required; with the pose in
-        which they are farthest apart, and their distance there.
+        If a name is unknown, or an obstacle touches the robot in every pose, or,
+        without `relax`, no pose keeps two bodies as far apart as required; with the
+        pose in which they are farthest apart, and their distance there.
     """
     require_type(robot, RobotModel, "robot")
     bodies = tuple(bodies)
@@ -263,12 +262,15 @@ def _movable(
             yield i, j
 
 
-def _adjacent(robot: RobotModel, bodies: tuple[Body, ...], connected: Connected) -> int:
-    """Return the number of pairs of the robot's bodies that one joint connects."""
+def _adjacent(
+    robot: RobotModel, bodies: tuple[Body, ...], connected: Connected
+) -> tuple[tuple[str, str], ...]:
+    """Return the names of the robot's bodies that one joint connects, pair by pair."""
     own = [(place_of(robot, b).link, b) for b in bodies if b.frame is not None]
-    return sum(
-        len(joints_between(robot, one, other)) == 1 and connected(first, second)
+    return tuple(
+        (first.name, second.name)
         for (one, first), (other, second) in combinations(own, 2)
+        if len(joints_between(robot, one, other)) == 1 and connected(first, second)
     )
 
 
