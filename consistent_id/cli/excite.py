@@ -41,6 +41,7 @@ consistent-id excite robot.urdf --for tool0 --others known --start-pose elbow=1.
 consistent-id excite go2.xml --standing --velocity 4 --effort 23
 """
 _FILE = "problem.toml"
+_FORMATS = "csv,yaml"
 
 
 def _absolute(text: str) -> str:
@@ -298,7 +299,7 @@ def add_excite(command: argparse.ArgumentParser) -> None:
             "--format ENDINGS",
             "files of samples: csv, yaml (ROS), parquet, npz, script (Universal "
             "Robots), rsi (KUKA), franka, by commas",
-            default="csv,yaml",
+            default=_FORMATS,
         ),
         Option(
             "--thin TOLERANCE",
@@ -486,6 +487,10 @@ def _design(options: argparse.Namespace) -> "StandingDesign":
         )
 
 
+_OF_FEET = ("duration", "velocity")  # of the options of motions
+_USUAL = (("starts", 4), ("format", _FORMATS))  # options with a default
+
+
 def _refuse_others(options: argparse.Namespace) -> None:
     """Refuse a problem file, and options that do not apply to motions on feet."""
     from consistent_id.errors import ProblemError
@@ -496,14 +501,17 @@ def _refuse_others(options: argparse.Namespace) -> None:
             f"--standing is of a robot's file; {options.problem} is none. Name the "
             "URDF or MJCF file"
         )
-    design = ("objective", "harmonics", "interest", "noise", "acceleration", "jerk")
+    motion = [one.name for one in _MOTION if one.name not in _OF_FEET]
     robot = ("base", "tip", "locked", "gravity", "package_dirs")
-    others = ("sequential", "earlier", "parameters", "replay", "share")
-    search = (*others, "workers", "executor")
-    given = [n for n in (*design, *robot, *search) if getattr(options, n)]
+    others = ("sequential", "earlier", "parameters", "replay", "thin")
+    names = (*motion, *robot, *others, "workers", "executor")
+    given = [n for n in names if getattr(options, n) not in (None, False, [], ())]
+    given += ["no-collisions"] * (options.collisions is False)
+    given += [name for name, usual in _USUAL if getattr(options, name) != usual]
+    given = ["for" if name == "interest" else name for name in given]
     if given:
         raise ProblemError(
             f"--{given[0].replace('_', '-')} is of arms; a motion on feet takes "
             "--duration, --velocity, --effort, --friction, --stance, --sole, --link, "
-            "--candidates, --time-limit and --seed"
+            "--candidates, --time-limit and --seed, and writes csv and yaml"
         )

@@ -4,7 +4,7 @@ Sentences say which limits a motion keeps, and what could not be checked.
 """
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import compress
 from typing import Any
 
@@ -145,16 +145,20 @@ def least_moved(path: JointPath, limits: MotionLimits) -> str:
     A joint hardly moves if it uses less than a tenth of its range; without a range, if
     it moves by less than 0.1 rad or m.
     """
-    shares = range_shares(path, limits)
+    return least_moved_of(limits.joints, range_shares(path, limits))
+
+
+def least_moved_of(joints: Sequence[str], shares: Vector) -> str:
+    """Return which joints hardly move, in words, from the shares of their ranges."""
     few = [k for k in np.argsort(shares) if shares[k] < _HARDLY]
     if few:
         named = tuple(
-            f"{limits.joints[k]} ({100.0 * shares[k]:.2g} % of its range)" for k in few
+            f"{joints[k]} ({100.0 * shares[k]:.2g} % of its range)" for k in few
         )
         verb = "moves" if len(few) == 1 else "move"
         return f"hardly {verb}: {some_of(named, _NAMED)}"
     k = int(np.argmin(shares))
-    return f"least moved: {limits.joints[k]}, {100.0 * shares[k]:.0f} % of its range"
+    return f"least moved: {joints[k]}, {100.0 * shares[k]:.0f} % of its range"
 
 
 def range_shares(path: JointPath, limits: MotionLimits) -> Vector:
