@@ -40,6 +40,7 @@ from consistent_id.excitation.playable import (
     what_moves,
 )
 from consistent_id.excitation.request import DesignRequest, design_request
+from consistent_id.excitation.search_problem import require_playable_form
 from consistent_id.excitation.verification import Demands, demands
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.files import follow, write_trajectory
@@ -127,6 +128,15 @@ def require_formats(formats: Sequence[str], joints: Sequence[str]) -> None:
         require_names(tuple(joints), Path(f"--format {ending}"))
 
 
+def require_thinned(formats: Sequence[str], tolerance: float | None) -> None:
+    """Refuse a tolerance of files with few points where none is written."""
+    if tolerance is not None and "yaml" not in formats:
+        raise ProblemError(
+            f"--thin is for the yaml file, but the formats are {', '.join(formats)}; "
+            "add yaml to --format, or leave --thin out"
+        )
+
+
 def require_places(folder: Path, formats: Sequence[str]) -> None:
     """Refuse a folder in which `write_design` cannot write."""
     motions = (TRAINING, VALIDATION)
@@ -209,6 +219,8 @@ def planned(problem: Problem, parameters: ArrayLike | None = None) -> Plan:
         request.scene,
         request.friction_share,
     )
+    for form in request.forms:
+        require_playable_form(form, request.aim, required.limits)
     tables, form = request_tables(moved, request, required), request.form
     record = {
         "format": PLAN,
