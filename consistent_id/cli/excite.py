@@ -18,7 +18,9 @@ from consistent_id.cli.options import (
     Group,
     Option,
     add_command,
+    finite,
     positive,
+    whole,
 )
 from consistent_id.cli.source import PROBLEM_OR_ROBOT, ROBOT, statement
 
@@ -123,7 +125,7 @@ _MOTION = (
         "regressor, then D; A: root sum of squares of the errors; E: largest error",
         choices=("D", "condition", "A", "E"),
     ),
-    Option("--harmonics N", "number of harmonics (default: several are tried)", int),
+    Option("--harmonics N", "number of harmonics (default: several are tried)", whole),
     Option(
         "--for, --interest NAMES",
         "parameters that matter, with commas: names of links, joints, parameters, such "
@@ -169,7 +171,9 @@ _MOTION = (
         dest="collisions",
         const=False,
     ),
-    Option("--ground METRES", "height of a floor that the robot must not touch", float),
+    Option(
+        "--ground METRES", "height of a floor that the robot must not touch", finite
+    ),
     Option(
         "--allowed BODY,BODY ...",
         "pairs of bodies or links that may touch, such as ground,base_link",
@@ -182,7 +186,7 @@ MOTION = Group(
     "in place of the settings in [excitation] of the problem file",
 )
 SEARCH = (
-    Option("--starts N", "searches from random paths", int, default=4),
+    Option("--starts N", "searches from random paths", whole, default=4),
     Option(
         "--time-limit SECONDS",
         "seconds of random paths and searches for each worker, counted on an idle "
@@ -195,7 +199,7 @@ SEARCH = (
         "--workers N",
         "parts of the starts, searched at the same time (default: one per processor of "
         "this computer)",
-        int,
+        whole,
     ),
     SEARCH_EXECUTOR,
 )
@@ -268,7 +272,7 @@ STANDING = Group(
             default=0.6,
         ),
         Option("--effort NUMBER", "limit of all joints, N m", positive),
-        Option("--candidates N", "paths to try", int, default=320),
+        Option("--candidates N", "paths to try", whole, default=320),
     ),
 )
 
@@ -336,6 +340,7 @@ def _excite(options: argparse.Namespace) -> Answer:
     )
 
     formats = output.checked_formats(options.format)
+    output.require_thinned(formats, options.thin)
     changes, stated = motion_changes(options), statement(options, "robot")
     problem = problem_to_excite(options.problem, changes, stated)
     known = estimates(options)
@@ -487,6 +492,11 @@ def _design(options: argparse.Namespace) -> "StandingDesign":
         )
 
 
+def _is_given(value: object) -> bool:
+    """Return whether an option without a default has a value; zero is one."""
+    return value is not None and value is not False and value not in ([], ())
+
+
 _OF_FEET = ("duration", "velocity")  # of the options of motions
 _USUAL = (("starts", 4), ("format", _FORMATS))  # options with a default
 
@@ -505,7 +515,7 @@ def _refuse_others(options: argparse.Namespace) -> None:
     robot = ("base", "tip", "locked", "gravity", "package_dirs")
     others = ("sequential", "earlier", "parameters", "replay", "thin")
     names = (*motion, *robot, *others, "workers", "executor")
-    given = [n for n in names if getattr(options, n) not in (None, False, [], ())]
+    given = [name for name in names if _is_given(getattr(options, name))]
     given += ["no-collisions"] * (options.collisions is False)
     given += [name for name, usual in _USUAL if getattr(options, name) != usual]
     given = ["for" if name == "interest" else name for name in given]

@@ -232,8 +232,9 @@ def _without_bodies(
     """Return the error of a file without shapes of a robot's links."""
     if not shapes:
         return ModelError(
-            f"{path}: no link has a shape, expected <{elements}> elements; "
-            "build the scene by hand (build_scene), or design without a scene"
+            f"{path}: no link has a shape, expected <{elements}> elements; build the "
+            "scene by hand (build_scene, or `bodies` of [excitation.scene]), or design "
+            "without a scene (--no-collisions)"
         )
     return ModelError(
         f"{path}: {shapes} shapes, none of a link of robot {robot.name!r}; load the "
