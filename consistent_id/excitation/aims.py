@@ -35,6 +35,7 @@ _COMMON = 1e-9  # relative difference below which two frequencies are one
 _HARMONICS = (5, 8, 12)  # in a path of ten seconds, for arms of usual speed
 _SECONDS = 10.0
 _PERIOD = 5.0  # s, least period of paths from rest to rest,
+_REPEATED = 8  # harmonics at least, of a path that repeats: five found less
 _CROSSED = 0.7  # and part of a swing over the whole range that fits into it
 _USUAL = 0.1  # Hz; half a range at full speed, of arms between 0.05 and 0.2
 _FASTER = 10.0  # most times as fast as usual
@@ -329,7 +330,7 @@ def forms_to_try(
     >>> limits = MotionLimits(("a",), [-2], [2], [2], [9], [np.inf], [np.inf])
     >>> forms = forms_to_try(limits, 10.0)
     >>> [(form.harmonics, form.period) for form in forms]
-    [(5, 5.0), (8, 5.0), (12, 5.0)]
+    [(8, 5.0), (12, 5.0)]
     """
     half = limits.derivative(0)
     speed = np.minimum(limits.velocity, np.sqrt(limits.acceleration * half))
@@ -340,9 +341,10 @@ def forms_to_try(
     period = duration
     if rest:
         period = _whole(duration, max(_PERIOD, _CROSSED / crossing))
+    least = _REPEATED if period < duration else 1
     forms = []
     for harmonics, times in [*usual, *((one, faster) for one in _HARMONICS)]:
-        count = max(round(harmonics * period / _SECONDS * times), harmonics)
+        count = max(round(harmonics * period / _SECONDS * times), harmonics, least)
         multiple = -(-count // _MOST)
         base = None if period == duration and multiple == 1 else multiple / period
         forms.append(

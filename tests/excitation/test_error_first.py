@@ -123,6 +123,9 @@ def test_paths_from_rest_to_rest_repeat_near_five_seconds_and_longer_if_slow():
         assert {form.duration for form in forms} == {duration}
         return {form.period for form in forms}
 
+    least = MotionLimits(("a",), [-1], [1], [1.0], [1e3], [np.inf], [np.inf])
+    assert [form.harmonics for form in forms_to_try(least, 10.0)] == [8, 12]
+    assert [form.harmonics for form in forms_to_try(least, 5.0)] == [5, 8, 12]
     for duration, period in ((2.5, 2.5), (6.0, 6.0), (10.0, 5.0), (30.0, 5.0)):
         assert periods(1.0, duration) == {period}
     # A slower robot has longer periods: 0.7 of the time of a swing over its range.
