@@ -59,6 +59,7 @@ DRIVE = ci.DriveTerms(
 SHARE = 0.9  # of all limits
 BINDING = 0.5  # of the median peak of random paths
 HELD = 1.3  # times what holds the robot in random poses, at least
+IDLE = 1e-3  # of the file's limit, below which a torque is none
 DRAWN = 200
 WORK = 0.6  # of the time; the rest is for drawing paths, compiling and proofs
 PENALTY = 10.0  # for each share of a limit that torque is beyond it
@@ -71,9 +72,8 @@ class Problem(NamedTuple):
     limits: MotionLimits
 
 
-def binding(name: str) -> Problem:
+def binding(file: str | Path, tip: str | None) -> Problem:
     """Return a robot with torque limits below what random paths need."""
-    file, tip = ROBOTS[name]
     robot = ci.robot.load_urdf(EXAMPLES / file, tip=tip)
     model = ci.TorqueModel(robot, DRIVE)
     free = ci.motion_limits(robot, effort=np.inf).within(SHARE)
@@ -89,6 +89,9 @@ def binding(name: str) -> Problem:
     effort = np.maximum(BINDING * np.median(peaks, axis=0), least)
     stated = np.array([joint.limits.effort for joint in robot.driven])
     stated = np.where(stated > 0.0, stated, np.inf)
+    # the nominal inertia about a last joint may be zero, or nearly so
+    idle = effort < IDLE * np.where(np.isfinite(stated), stated, 0.0)
+    effort = np.where(idle, stated, effort)
     # 30 % of the limits are left for friction
     limits = ci.motion_limits(robot, effort=np.minimum(effort / 0.63, stated))
     return Problem(model, limits.within(SHARE))
@@ -161,7 +164,7 @@ def rival(
 
 def measured(name: str, seconds: float, python: str | None) -> str:
     """Return the row of a robot."""
-    model, limits = binding(name)
+    model, limits = binding(*ROBOTS[name])
     aim = Aim(noise=(0.005 * limits.effort).tolist())
     work, began = WORK * seconds, clock.process_time()
     design = ci.design_trajectory(

@@ -144,8 +144,9 @@ def main() -> None:
     with written_to(options.write, "unseen"), threadpool_limits(1):
         print(
             "| robot | friction | delay [ms] | found (95 %) | file, with offsets | "
-            "torque fit | delivered | `rollout` |\n|---|---|---:|---|---:|---:|---:|---:|"
+            "torque fit | delivered | `rollout` |"
         )
+        print("|---|---|---:|---|---:|---:|---:|---:|")
         for seed in range(first, last + 1):
             with tempfile.TemporaryDirectory() as folder:
                 found.append(replayed(seed, Path(folder)))

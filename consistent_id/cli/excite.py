@@ -3,7 +3,7 @@
 import argparse
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from consistent_id.cli.answers import (
     Answer,
@@ -12,13 +12,21 @@ from consistent_id.cli.answers import (
     shows_progress,
     tables_answer,
 )
+from consistent_id.cli.motion_options import (
+    MOTION,
+    MOTION_OPTIONS,
+    SEARCH,
+    estimates,
+    motion_changes,
+    parameters,
+)
 from consistent_id.cli.options import (
     RESULTS,
-    SEARCH_EXECUTOR,
     Group,
     Option,
     add_command,
     positive,
+    whole,
 )
 from consistent_id.cli.source import PROBLEM_OR_ROBOT, ROBOT, statement
 
@@ -41,176 +49,7 @@ consistent-id excite robot.urdf --for tool0 --others known --start-pose elbow=1.
 consistent-id excite go2.xml --standing --velocity 4 --effort 23
 """
 _FILE = "problem.toml"
-
-
-def _absolute(text: str) -> str:
-    """Return a path that is also right from the folder of a problem file."""
-    return Path(text).resolve().as_posix().replace("$", "$$")
-
-
-def _words(text: str) -> list[str]:
-    """Return the words between commas."""
-    return [word.strip() for word in text.split(",")]
-
-
-def _position(text: str) -> tuple[str, float]:
-    """Read a joint and its position."""
-    joint, _, position = text.partition("=")
-    try:
-        return joint, float(position)
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text}: expected JOINT=POSITION in rad or m, such as elbow=0.5"
-        ) from None
-
-
-_LIMITS = (
-    Option("--duration SECONDS", "duration of the motion (default: 10)", positive),
-    Option(
-        "--noise NUMBER",
-        "noise of each torque, in N m or N (default: 0.5 %% of the effort limit)",
-        positive,
-    ),
-    Option("--velocity NUMBER", "limit of all joints, in rad/s or m/s", positive),
-    Option(
-        "--acceleration NUMBER", "limit of all joints, in rad/s^2 or m/s^2", positive
-    ),
-    Option("--jerk NUMBER", "limit of all joints, in rad/s^3 or m/s^3", positive),
-    Option(
-        "--effort-rate NUMBER",
-        "limit of the rate of change of torque, in N m/s or N/s",
-        positive,
-    ),
-    Option(
-        "--effort-rms NUMBER",
-        "limit of each torque's root mean square, in N m or N",
-        positive,
-    ),
-    Option(
-        "--current AMPERES", "limit of all motors; needs --torque-constant", positive
-    ),
-    Option(
-        "--torque-constant NUMBER",
-        "torque per current of all joints, gears included, in N m/A or N/A",
-        positive,
-    ),
-    Option(
-        "--share SHARE", "share of all limits that may be used, such as 0.9", positive
-    ),
-    Option(
-        "--clearance METRES",
-        "least distance between bodies that must not touch",
-        positive,
-    ),
-)
-_MOTION = (
-    Option(
-        "--objective",
-        "D: least standard errors (default); condition: least condition number of the "
-        "regressor, then D; A: root sum of squares of the errors; E: largest error",
-        choices=("D", "condition", "A", "E"),
-    ),
-    Option("--harmonics N", "number of harmonics (default: several are tried)", int),
-    Option(
-        "--for, --interest NAMES",
-        "parameters that matter, with commas: names of links, joints, parameters, such "
-        "as 'payload,*.viscous'; 'payload' or 'tool': the ten of the last link, or of "
-        "the body on the wrench sensor; 'open': those that the estimate of "
-        "--parameters left open (default: all; on a wrench sensor the tool's ten)",
-        _words,
-        dest="interest",
-    ),
-    Option(
-        "--others WHAT",
-        "parameters that --for does not name: unknown, or known, as for a load that is "
-        "weighed by the difference between two logs (default: unknown)",
-        choices=("unknown", "known"),
-    ),
-    Option(
-        "--start-pose JOINT=POSITION ...",
-        "pose of the robot before and after, in rad or m; joints that are not "
-        "named, in the middle of their range (default: where the path begins)",
-        _position,
-    ),
-    *_LIMITS,
-    Option(
-        "--friction-share SHARE",
-        "share of the effort limits left for friction without --parameters "
-        "(default: 0.3)",
-        float,
-    ),
-    Option(
-        "--smooth",
-        "begin and end without jerk: it is continuous from rest to rest",
-        const=True,
-    ),
-    Option(
-        "--planning-scene FILE",
-        "objects around the robot: MoveIt's .scene, or a PlanningScene message as "
-        ".yaml or .json",
-        _absolute,
-    ),
-    Option(
-        "--no-collisions",
-        "leave out the scene, and the shapes of the URDF",
-        dest="collisions",
-        const=False,
-    ),
-    Option("--ground METRES", "height of a floor that the robot must not touch", float),
-)
-MOTION = Group(
-    "the motion",
-    _MOTION,
-    "in place of the settings in [excitation] of the problem file",
-)
-SEARCH = (
-    Option("--starts N", "searches from random paths", int, default=4),
-    Option(
-        "--time-limit SECONDS",
-        "seconds of random paths and searches for each worker, counted on an idle "
-        "machine; meshes, proofs and the validation motion take more; for a robot on "
-        "its feet, seconds of the processor",
-        positive,
-        default=10.0,
-    ),
-    Option(
-        "--workers N",
-        "parts of the starts, searched at the same time (default: one per processor of "
-        "this computer)",
-        int,
-    ),
-    SEARCH_EXECUTOR,
-)
-
-
-def parameters(more: str = "") -> Option:
-    """Return the option of files of estimates."""
-    return Option(
-        "--parameters ESTIMATE ...",
-        "estimates that identify wrote, such as delivered.json: torque limits are kept "
-        f"for each of them, instead of for the robot's file without friction{more} "
-        "(default: that of a folder of results, if it may be used)",
-        Path,
-    )
-
-
-def estimates(options: argparse.Namespace) -> list[Path]:
-    """Return the files of estimates that are given, or that of a folder of results."""
-    from consistent_id.problems.loading import is_results, results_or_file
-    from consistent_id.report.results import DELIVERED, open_results
-
-    folder = results_or_file(options.problem)
-    if options.parameters or not is_results(folder):
-        return list(options.parameters)
-    results = open_results(folder)
-    known = results.verdict.usable and not results.changes()
-    return [folder / DELIVERED] if known else []
-
-
-def motion_changes(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the keys of ``[excitation]`` that were given, None for the others."""
-    changes = {option.name: getattr(options, option.name) for option in _MOTION}
-    return changes | {"start_pose": dict(options.start_pose) or None}
+_FORMATS = "csv,yaml"
 
 
 _RATE = 200.0  # Hz, of the files of samples
@@ -247,7 +86,7 @@ STANDING = Group(
             default=0.6,
         ),
         Option("--effort NUMBER", "limit of all joints, N m", positive),
-        Option("--candidates N", "paths to try", int, default=320),
+        Option("--candidates N", "paths to try", whole, default=320),
     ),
 )
 
@@ -278,7 +117,7 @@ def add_excite(command: argparse.ArgumentParser) -> None:
             "--format ENDINGS",
             "files of samples: csv, yaml (ROS), parquet, npz, script (Universal "
             "Robots), rsi (KUKA), franka, by commas",
-            default="csv,yaml",
+            default=_FORMATS,
         ),
         Option(
             "--thin TOLERANCE",
@@ -315,6 +154,7 @@ def _excite(options: argparse.Namespace) -> Answer:
     )
 
     formats = output.checked_formats(options.format)
+    output.require_thinned(formats, options.thin)
     changes, stated = motion_changes(options), statement(options, "robot")
     problem = problem_to_excite(options.problem, changes, stated)
     known = estimates(options)
@@ -466,6 +306,15 @@ def _design(options: argparse.Namespace) -> "StandingDesign":
         )
 
 
+def _is_given(value: object) -> bool:
+    """Return whether an option without a default has a value; zero is one."""
+    return value is not None and value is not False and value not in ([], ())
+
+
+_OF_FEET = ("duration", "velocity")  # of the options of motions
+_USUAL = (("starts", 4), ("format", _FORMATS))  # options with a default
+
+
 def _refuse_others(options: argparse.Namespace) -> None:
     """Refuse a problem file, and options that do not apply to motions on feet."""
     from consistent_id.errors import ProblemError
@@ -476,14 +325,17 @@ def _refuse_others(options: argparse.Namespace) -> None:
             f"--standing is of a robot's file; {options.problem} is none. Name the "
             "URDF or MJCF file"
         )
-    design = ("objective", "harmonics", "interest", "noise", "acceleration", "jerk")
+    motion = [one.name for one in MOTION_OPTIONS if one.name not in _OF_FEET]
     robot = ("base", "tip", "locked", "gravity", "package_dirs")
-    others = ("sequential", "earlier", "parameters", "replay", "share")
-    search = (*others, "workers", "executor")
-    given = [n for n in (*design, *robot, *search) if getattr(options, n)]
+    others = ("sequential", "earlier", "parameters", "replay", "thin")
+    names = (*motion, *robot, *others, "workers", "executor")
+    given = [name for name in names if _is_given(getattr(options, name))]
+    given += ["no-collisions"] * (options.collisions is False)
+    given += [name for name, usual in _USUAL if getattr(options, name) != usual]
+    given = ["for" if name == "interest" else name for name in given]
     if given:
         raise ProblemError(
             f"--{given[0].replace('_', '-')} is of arms; a motion on feet takes "
             "--duration, --velocity, --effort, --friction, --stance, --sole, --link, "
-            "--candidates, --time-limit and --seed"
+            "--candidates, --time-limit and --seed, and writes csv and yaml"
         )

@@ -131,6 +131,21 @@ def positive(text: str) -> float:
     return value
 
 
+def finite(text: str) -> float:
+    """Read a number that is neither infinite nor none at all."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} is not a finite number")
+    return value
+
+
+def whole(text: str) -> int:
+    """Read a whole number above zero."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number above 0")
+    return int(text)
+
+
 def page_file(text: str) -> Path:
     """Read the name of a page, which is HTML."""
     if Path(text).suffix.lower() in _NO_PAGES:

@@ -3,7 +3,7 @@
 import argparse
 
 from consistent_id.cli.answers import Answer, answered, shows_progress, tables_answer
-from consistent_id.cli.excite import (
+from consistent_id.cli.motion_options import (
     MOTION,
     SEARCH,
     estimates,

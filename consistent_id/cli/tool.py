@@ -7,6 +7,7 @@ or out of time, 70 a bug, 130 interrupted, 143 terminated.
 
 import argparse
 import os
+import re
 import signal
 import sys
 import threading
@@ -347,10 +348,26 @@ def _in_one_row(
     return [*rest[: last + 1], *late, *rest[last + 1 :]]
 
 
+_NOT_READ = re.compile(r"invalid (int|float|positive|finite) value: ('.*')")
+_KINDS = {
+    "int": "whole number",
+    "float": "number",
+    "positive": "positive number",
+    "finite": "number",
+}
+
+
+def _not_read(found: re.Match[str]) -> str:
+    """Return argparse's words on a value that is no number, without Python's types."""
+    kind, value = found.groups()
+    return f"{value} is not a {_KINDS[kind]}"
+
+
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line: the usage of all options would hide it."""
 
     def error(self, message: str) -> NoReturn:
+        message = _NOT_READ.sub(_not_read, message)
         listed = "options" if " " in self.prog else "commands"
         end = "" if message.endswith("?") else ";"
         said = f"{self.prog}: {message}{end} {self.prog} --help lists the {listed}\n"

@@ -28,7 +28,11 @@ from consistent_id.constraints import (
 from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
+    RADIUS,
+    Optimality,
     OptimumProof,
+    ball_about,
+    proven_within,
     solve_certified,
 )
 from consistent_id.constraints.cones.interior import irreducible_conflict
@@ -49,13 +53,8 @@ from consistent_id.estimation.best_fit import (
     attained_fit,
     inner_fit,
 )
-from consistent_id.estimation.penalised import (
-    DISTANCE_GAP,
-    NearestFit,
-    PenalisedFit,
-    nearest_within,
-    penalised_fit,
-)
+from consistent_id.estimation.nearest import DISTANCE_GAP, NearestFit, nearest_within
+from consistent_id.estimation.penalised import PenalisedFit, penalised_fit
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
@@ -71,6 +70,8 @@ The proof of the best fit leaves a tenth of it open.  Where the constraints cost
 more than one standard error, as with torque of another robot or of the wrong sign, that
 error is less, and no solver could use it up.
 """
+
+_AGAIN = 2  # times that the best fit is solved again in reach of the final estimate
 
 _OTHER_SIZE = 100.0
 """Ratio to the nominal robot's torque beyond which a unit is likely to be wrong."""
@@ -213,7 +214,57 @@ def _fitted(problem: FitProblem, prior: Prior) -> ConstrainedFit:
     if isinstance(prior, Penalty):
         return _compromise(best, distance, prior, first.notes)
     near = nearest_within(best, distance, first.slack(prior))
-    return _nearest(best, distance, prior, near, first.notes)
+    found = _nearest(best, distance, prior, near, first.notes)
+    if found.slack_gap <= SLACK_GAP:
+        return found
+    return _in_reach(first, distance, prior, near) or found
+
+
+def _in_reach(
+    first: BestInside, distance: NominalDistance, prior: PointToSet, near: NearestFit
+) -> ConstrainedFit | None:
+    """Return the estimate of the best fit within reach; None if it is not proven.
+
+    With poor data, the least misfit may be that of a robot of a million times the
+    nominal parameters, or of none.  The certificate is about robots of up to `RADIUS`
+    times the nominal ones and the estimate's: among them, there is a best fit.
+    """
+    best, nominal = first.best, distance.nominal
+    for _ in range(_AGAIN):
+        again = _best_in_reach(best, near, nominal)
+        if again.optimality.verdict != "certified":
+            return None
+        if again.solution is not best.solution:
+            slack = replace(first, best=again).slack(prior)
+            near = nearest_within(again, distance, slack)
+        if again.optimality.radius >= RADIUS * _away(near, nominal):
+            found = _nearest(again, distance, prior, near, first.notes)
+            return found if found.certified else None
+        best = again
+    return None
+
+
+def _away(near: NearestFit, nominal: Vector) -> float:
+    """Return how far the estimate is from the nominal robot."""
+    return float(np.linalg.norm(near.fit.solution.u - nominal))
+
+
+def _best_in_reach(best: BestFit, near: NearestFit, nominal: Vector) -> BestFit:
+    """Return the best fit in a ball that reaches `RADIUS` times as far as the estimate.
+
+    The ball is twice as large, as the estimate may move.
+    """
+    u = near.fit.solution.u
+    ball = ball_about(nominal, 2.0 * RADIUS * _away(near, nominal))
+    inside = float(np.linalg.norm(best.solution.u - nominal)) <= ball.radius
+    proven = proven_within(
+        best.scaled.problem,
+        best.solution,
+        ball,
+        start=best.solution.u if inside else u,
+        reference=REFERENCE,
+    )
+    return BestFit(best.scaled, *proven)
 
 
 def best_inside(problem: FitProblem, inside: float) -> BestInside:
@@ -272,18 +323,21 @@ def _nearest(
             else ": parameters that data determine move by one standard error at most"
         )
     )
-    optimality = best.optimality
-    gap = 2.0 * optimality.gap * max(optimality.objective, REFERENCE)
-    slack_gap = 0.0 if optimality.verdict == "certified" else gap / near.allowed
     return ConstrainedFit(
         best,
         distance,
         near.fit,
         slack,
         near.distance_gap,
-        slack_gap,
+        _slack_gap(best.optimality, near.allowed),
         "; ".join((note, *notes)),
     )
+
+
+def _slack_gap(best: Optimality, allowed: float) -> float:
+    """Return the slack's relative error, because the least misfit has a gap."""
+    gap = 2.0 * best.gap * max(best.objective, REFERENCE)
+    return 0.0 if best.verdict == "certified" else gap / allowed
 
 
 def _compromise(

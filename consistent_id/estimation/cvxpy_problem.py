@@ -23,10 +23,9 @@ from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
-    ConicOptimum,
     OptimumProof,
-    conic_optimum,
 )
+from consistent_id.constraints.cones.conic_optimum import ConicOptimum, conic_optimum
 from consistent_id.constraints.cones.least_norm import ConeSolution
 from consistent_id.constraints.cones.programmes import Multipliers, set_multipliers
 from consistent_id.constraints.cones.sets import ConicSet, stacked

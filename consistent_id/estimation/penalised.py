@@ -7,9 +7,6 @@ by damped Newton steps, each of them a least-norm problem with the distance's se
 order: the divergence is self-concordant, so of a step of local length ``d`` at least
 the part ``1 / (1 + d)`` is safe; a line search may take more, and a small step is taken
 in full.
-
-`nearest_within` searches for the weight for which the compromise is the point nearest
-to nominal among all that fit nearly best.
 """
 
 from collections.abc import Sequence
@@ -44,7 +41,7 @@ from consistent_id.constraints.priors import (
     QuadraticDistance,
 )
 from consistent_id.errors import ConsistentIdError, SolverError
-from consistent_id.estimation.best_fit import REFERENCE, BestFit, ScaledFit, solved
+from consistent_id.estimation.best_fit import REFERENCE, ScaledFit, solved
 
 _STEPS = 60
 _KEPT = 0.25  # least share of each eigenvalue of a body that a Newton step leaves
@@ -54,26 +51,6 @@ _FULL = 0.25  # local length up to which a Newton step is taken in full
 _STILL = 1e-7  # local length at which Newton's method has arrived
 _CLOSE = 1e-4  # local length from which no more than two further steps are tried
 _FINE = (1e-11, 1e-12)  # tolerances at which multipliers are computed again
-
-# Of the search for the weight that uses up the slack:
-_WEIGHTS = 30  # weights of the prior tried, at most,
-_UNPROVEN = 5  # and without a certified fit in a row: the next proves no more
-_FIRST = -12.0  # logarithm of the first weight over the slack; typical of real logs
-_SLOPE = 1.2  # of the used share over the weight, in logarithms, near the solution
-_STEEPEST = 2.0  # the same far below: the effect of a weak prior grows with its square
-_PATIENCE = 3  # steps in one direction, after which they grow twofold each
-_WIDE = 0.3  # width of a bracket in which interpolation may go astray
-_BEYOND = 0.3  # by how much to step beyond what that slope says, so as to bracket
-_STEP = np.log(1e3)  # by which the weight grows or shrinks, at the most
-_AIM = 0.98  # share of the slack to use up, unless the proof needs more
-_HALF = 0.5  # share of the allowed gap for the slack's unused rest
-_LEAST = 1e-6  # share of the slack below which differences are rounding
-_APART = 1e-6  # shares closer than that, in logarithms, show no curvature
-_ROUNDING = float(np.finfo(float).eps)  # relative, of a squared misfit
-_SMALL = 0.01  # squared distance that counts as zero
-
-DISTANCE_GAP = 0.01
-"""Relative gap of the squared distance (or of 0.01, if it is less) that is allowed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -323,178 +300,3 @@ class Compromise:
         if np.linalg.norm(steep) <= weight / 2:
             curvature = np.vstack([fit.M, np.sqrt(weight / 2) * rows.G])
         return proof(problem, below=Parabola(objective, curvature))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NearestFit:
-    """The nearest point, as the optimum of a penalised fit.
-
-    Parameters
-    ----------
-    slack : float
-        Allowed relative increase of the misfit.
-    distance_gap : float
-        Bound on the relative excess of its squared distance (or of 0.01, where it is
-        less) over the least within the slack; infinite if its misfit exceeds that.
-    allowed : float
-        Squared misfit beyond the least that the slack allows, in scaled units.
-    """
-
-    fit: PenalisedFit
-    slack: float
-    distance_gap: float
-    allowed: float
-
-
-def nearest_within(
-    best: BestFit, distance: NominalDistance, slack: float
-) -> NearestFit:
-    """Return the point nearest to nominal whose misfit is within `slack` of the best.
-
-    A weight of the distance makes this a well-conditioned problem; its optimum ``u`` is
-    the nearest point for its own misfit.  Any ``v`` within the slack has
-
-    ``distance(v)^2 >= distance(u)^2 - (allowed - excess(u)) / weight - gap``
-
-    and the weight is searched for until that is as good as equality: until the slack is
-    used up, or the nominal robot itself fits and a larger weight changes nothing.
-
-    If no weight keeps the misfit within the slack, which can happen with data of hardly
-    any noise, the point of the least misfit is returned, with a note.
-
-    Parameters
-    ----------
-    slack : float
-        Allowed relative increase of the misfit.
-    """
-    scaled = best.scaled
-    least = scaled.excess(best.solution.u)
-    # (1 + slack)^2 - 1 in a form that keeps the digits of a small slack.  What is less
-    # than rounding of the misfit cannot be used up.
-    increase = max(slack * (2.0 + slack), _ROUNDING)
-    allowed = increase * max(least + scaled.residual**2, 1.0)
-    # The proof's ball must contain the best fit.
-    reach = 2.0 * float(np.linalg.norm(best.solution.u - distance.nominal))
-    search = _WeightSearch(float(np.log(allowed) + _FIRST))
-    kept: NearestFit | None = None
-    closest: PenalisedFit | None = None
-    unproven = 0
-    for _ in range(_WEIGHTS):
-        start = None if kept is None else kept.fit.solution.u
-        weight = float(np.exp(search.log_weight))
-        found = Compromise(scaled, distance, weight, reach).optimum(start)
-        excess = found.excess - least
-        certified = found.optimality.verdict == "certified"
-        unproven = 0 if certified else unproven + 1
-        if closest is None or found.excess < closest.excess:
-            closest = found
-        if excess <= allowed:
-            now = _near(found, excess, slack, allowed)
-            if kept is None or (certified and now.distance_gap < kept.distance_gap):
-                kept = now
-            if kept.distance_gap <= DISTANCE_GAP or unproven >= _UNPROVEN:
-                break
-        # Of the proof's gap, the unused rest of the slack costs (1 - share) / worth.
-        worth = weight * max(found.squared_distance, _SMALL) / allowed
-        aim = max(_AIM, 1.0 - _HALF * DISTANCE_GAP * worth)
-        search = search.narrowed(excess / allowed, aim)
-    if kept is not None:
-        return _finer(scaled, distance, kept, least, reach)
-    if closest is None:
-        raise SolverError("no weight of the prior was tried")
-    return NearestFit(closest, slack, np.inf, allowed)
-
-
-def _finer(
-    scaled: ScaledFit,
-    distance: NominalDistance,
-    kept: NearestFit,
-    least: float,
-    reach: float,
-) -> NearestFit:
-    """Return the point solved once more, if a smaller gap would prove its distance.
-
-    A certified optimum is a small part of the misfit away from the least; of the
-    distance, which has a small weight, that may be a large part.
-    """
-    if kept.distance_gap <= DISTANCE_GAP:
-        return kept
-    fit = kept.fit
-    objective = max(fit.optimality.objective, REFERENCE)
-    worth = fit.weight * max(fit.squared_distance, _SMALL)
-    gap = _HALF * DISTANCE_GAP * worth / (2.0 * objective)
-    problem = Compromise(scaled, distance, fit.weight, reach)
-    found = problem.optimum(fit.solution.u, gap=gap)
-    excess = found.excess - least
-    if excess > kept.allowed:
-        return kept
-    now = _near(found, excess, kept.slack, kept.allowed)
-    return min(kept, now, key=lambda near: near.distance_gap)
-
-
-def _near(
-    found: PenalisedFit, excess: float, slack: float, allowed: float
-) -> NearestFit:
-    """Return a fit with the proof of its distance, given its use of the slack."""
-    short = (allowed - excess) / found.weight + found.distance_gap
-    gap = short / max(found.squared_distance, _SMALL)
-    return NearestFit(found, slack, gap, allowed)
-
-
-class _WeightedPoint(NamedTuple):
-    """Logarithms of a weight and of the share of the slack that it uses."""
-
-    weight: float
-    used: float
-
-
-@dataclass(frozen=True, slots=True)
-class _WeightSearch:
-    """Search for the weight whose misfit uses up the slack: bracket, interpolate."""
-
-    log_weight: float
-    tried: tuple[_WeightedPoint, ...] = ()
-    widths: tuple[float, ...] = ()
-
-    def narrowed(self, used: float, aim: float = _AIM) -> "_WeightSearch":
-        """Return the next search, given the share of the slack that a weight uses.
-
-        It aims at a weight that uses the share `aim`.
-        """
-        here = _WeightedPoint(self.log_weight, float(np.log(max(used, _LEAST))))
-        tried = (*self.tried, here)
-        low = max((p for p in tried if p.used <= 0.0), default=None)
-        high = min((p for p in tried if p.used > 0.0), default=None)
-        if low is None or high is None:
-            step = abs(here.used) / _SLOPE + _BEYOND
-            step = min(step * 2.0 ** max(len(tried) - _PATIENCE, 0), _STEP)
-            if high is None:
-                step = max(step, abs(here.used) / _STEEPEST)
-            further = step if high is None else -step
-            return _WeightSearch(self.log_weight + further, tried)
-        width = high.weight - low.weight
-        widths = (*self.widths, width)
-        if len(widths) > 2 and width > max(0.5 * widths[-3], _WIDE):
-            # Interpolation moves one end only a little: the other end is too far away.
-            return _WeightSearch(low.weight + 0.5 * width, tried, widths)
-        weight = _interpolated(low, high, tried, float(np.log(aim)))
-        weight = min(max(weight, low.weight + 0.05 * width), high.weight - 0.05 * width)
-        return _WeightSearch(weight, tried, widths)
-
-
-def _interpolated(
-    low: _WeightedPoint,
-    high: _WeightedPoint,
-    tried: Sequence[_WeightedPoint],
-    aim: float,
-) -> float:
-    """Return the weight expected to use a share, from the nearest three tried."""
-    others = [p for p in tried if p not in (low, high)]
-    points = [low, high, *sorted(others, key=lambda p: abs(p.used))[:1]]
-    weights, used = np.array(points).T
-    if np.diff(np.sort(used)).min() < _APART:
-        weights, used = weights[:2], used[:2]
-    # Lagrange's polynomial of the weight over the share.
-    rest = [np.delete(used, i) for i in range(len(used))]
-    share = [np.prod((aim - r) / (u - r)) for u, r in zip(used, rest, strict=True)]
-    return float(weights @ np.array(share))

@@ -16,7 +16,7 @@ from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.criteria import Objective, Scaling
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.recordings.joint_paths import harmonics_of
+from consistent_id.recordings.joint_paths import FourierTrajectory, harmonics_of
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import (
     BaseParameters,
@@ -34,6 +34,9 @@ _COMMON = 1e-9  # relative difference below which two frequencies are one
 
 _HARMONICS = (5, 8, 12)  # in a path of ten seconds, for arms of usual speed
 _SECONDS = 10.0
+_PERIOD = 5.0  # s, least period of paths from rest to rest,
+_REPEATED = 8  # harmonics at least, of a path that repeats: five found less
+_CROSSED = 0.7  # and part of a swing over the whole range that fits into it
 _USUAL = 0.1  # Hz; half a range at full speed, of arms between 0.05 and 0.2
 _FASTER = 10.0  # most times as fast as usual
 _MUCH = 5.0  # times as fast as usual, from where the usual harmonics are tried, too
@@ -115,6 +118,17 @@ class PathForm:
         every = np.sort(np.concatenate(odd))
         new = abs(every[:, None] - own).min(axis=1) > _COMMON * every
         return np.asarray(every[new & (np.diff(every, prepend=0.0) > _COMMON * every)])
+
+    @property
+    def period(self) -> float:
+        """Time of one repetition [s]: the duration, or a whole part of it."""
+        still = np.zeros((len(self.frequencies), 1))
+        found = FourierTrajectory(
+            ("any",), self.frequencies, np.zeros(1), still, still, self.duration
+        ).period
+        repeats = 1 if found is None else max(round(self.duration / found), 1)
+        whole = found is not None and np.isclose(repeats * found, self.duration)
+        return self.duration / repeats if whole else self.duration
 
 
 @brief
@@ -295,22 +309,28 @@ def forms_to_try(
 ) -> tuple[PathForm, ...]:
     """Return forms of one duration with more and more harmonics.
 
-    The highest frequencies of arms are 0.5, 0.8 and 1.2 Hz; those of robots that cross
-    half of their range faster than in ten seconds, such as legs, are higher in
-    proportion.  A search over few harmonics gets further in the same work: very fast
-    robots have 0.8 Hz as another form.
+    A path from rest to rest repeats: its period is near five seconds for arms that can
+    swing over their range in seven or less, and longer for slower ones.  A search
+    over short periods has fewer variables and gets further in the same work
+    (docs/excitation-evidence.md, (h)).
+
+    In ten seconds, the highest frequencies of arms are 0.5, 0.8 and 1.2 Hz, and twice
+    as much in five; those of robots that cross half of their range faster than in ten
+    seconds, such as legs, are higher in proportion.  Very fast robots have 8 harmonics
+    as another form.
 
     Parameters
     ----------
     duration : float, [s]
     rest, smooth : bool
-        See `PathForm`.
+        See `PathForm`.  The period of a path that does not rest is the duration.
 
     Examples
     --------
-    >>> limits = MotionLimits(("a",), [-2], [2], [1], [9], [np.inf], [np.inf])
-    >>> [form.harmonics for form in forms_to_try(limits, 10.0)]
-    [5, 8, 12]
+    >>> limits = MotionLimits(("a",), [-2], [2], [2], [9], [np.inf], [np.inf])
+    >>> forms = forms_to_try(limits, 10.0)
+    >>> [(form.harmonics, form.period) for form in forms]
+    [(8, 5.0), (12, 5.0)]
     """
     half = limits.derivative(0)
     speed = np.minimum(limits.velocity, np.sqrt(limits.acceleration * half))
@@ -318,15 +338,24 @@ def forms_to_try(
     crossing = float(np.median(speed / (2.0 * np.pi * half)))
     faster = float(np.clip(crossing / _USUAL, 1.0, _FASTER))
     usual = [(_HARMONICS[1], 1.0)] if faster > _MUCH else []
+    period = duration
+    if rest:
+        period = _whole(duration, max(_PERIOD, _CROSSED / crossing))
+    least = _REPEATED if period < duration else 1
     forms = []
     for harmonics, times in [*usual, *((one, faster) for one in _HARMONICS)]:
-        count = max(round(harmonics * duration / _SECONDS * times), harmonics)
+        count = max(round(harmonics * period / _SECONDS * times), harmonics, least)
         multiple = -(-count // _MOST)
-        base = None if multiple == 1 else multiple / duration
+        base = None if period == duration and multiple == 1 else multiple / period
         forms.append(
             PathForm(duration, round(count / multiple), base, rest, smooth=smooth)
         )
     return tuple(dict.fromkeys(forms))
+
+
+def _whole(duration: float, period: float) -> float:
+    """Return the period nearest to one that fits into a duration a whole time."""
+    return duration / max(round(duration / period), 1)
 
 
 def _noise(given: ArrayLike) -> Vector:

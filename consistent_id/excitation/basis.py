@@ -43,10 +43,13 @@ class FourierBasis:
         Limits of the named joints; they determine the scales of the variables.
     frequencies : array_like, shape (terms,), [Hz]
     duration : float, [s]
+        Of one repetition.
     rest : bool
         Whether velocity and acceleration are zero at both ends.
     smooth : bool
         Whether jerk is zero there, too.
+    repeats : int
+        How often a path repeats: limits and samples of one repetition are those of all.
 
     Attributes
     ----------
@@ -66,6 +69,7 @@ class FourierBasis:
     duration: float
     rest: bool
     smooth: bool = False
+    repeats: int = 1
     free: Matrix = field(init=False)
     unit: Vector = field(init=False)
 
@@ -81,8 +85,8 @@ class FourierBasis:
             free = null_space(at_ends)
         if not free.size:
             raise ProblemError(
-                f"{len(frequencies)} frequencies leave no motion that rests at both "
-                "ends; give more harmonics"
+                "a path of one frequency cannot rest at both ends, expected two or "
+                "more; give more harmonics, or rest = false"
             )
         freeze(self, free=frozen(free, free.shape, "free"))
         freeze(self, unit=frozen(self._units(), (None,), "unit"))
@@ -106,7 +110,7 @@ class FourierBasis:
         return motion
 
     def trajectory(self, variables: Matrix) -> FourierTrajectory:
-        """Return the path of some variables."""
+        """Return the path of some variables, with all its repetitions."""
         rates = 2.0 * np.pi * self.frequencies[:, None]
         velocity = self.free @ (variables[1:] * self.unit)
         terms = len(self.frequencies)
@@ -117,7 +121,7 @@ class FourierBasis:
             self.offset(variables),
             velocity[terms:] / rates,
             -velocity[:terms] / rates,
-            self.duration,
+            self.repeats * self.duration,
         )
 
     def pull(self, order: int, columns: Matrix, slopes: Matrix) -> Matrix:

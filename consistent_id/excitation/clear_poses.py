@@ -22,6 +22,7 @@ from consistent_id.excitation.basis import FourierBasis, LimitRows
 from consistent_id.excitation.guards import Guard
 from consistent_id.excitation.verification import Demands
 from consistent_id.excitation.work import Meter
+from consistent_id.motion.collisions.farthest import distance_words, pose_words
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.separation import nearest
 
@@ -219,17 +220,12 @@ def _impossible(scene: Scene, pose: Vector) -> str:
     k = int(near.slack[0].argmin())
     first, second = scene.names(scene.pairs[k])
     distance, wanted = float(near.distance[0, k]), scene.pairs[k].wanted
-    apart = (
-        f"are {distance * 1e3:.1f} mm apart"
-        if distance >= 0.0
-        else f"penetrate each other by {-distance * 1e3:.1f} mm"
-    )
-    where = ", ".join(
-        f"{joint} = {q:.3f}"
-        for joint, q in zip(scene.robot.joint_names, pose, strict=True)
-    )
+    where = pose_words(scene.robot, pose)
     pair = scene.bodies[scene.pairs[k].first], scene.bodies[scene.pairs[k].second]
-    mend = "Move the obstacle, require less (--clearance), widen the joints' ranges"
+    mend = (
+        "Move the obstacle (a floor: a lower --ground), require less (--clearance), "
+        "widen the joints' ranges"
+    )
     if all(body.frame is not None for body in pair):
         mend = (
             "Both belong to the robot: lock the joints between them where they are "
@@ -238,9 +234,9 @@ def _impossible(scene: Scene, pose: Vector) -> str:
         )
     return (
         f"no pose was found that keeps all bodies apart. In the best one, {where}, "
-        f"bodies {first!r} and {second!r} {apart}, but {wanted * 1e3:.1f} mm and 2 mm "
-        f"to spare are required. {mend}, or name the pair in `allowed` of "
-        "[excitation.scene]"
+        f"bodies {first!r} and {second!r} {distance_words(distance)}, but "
+        f"{wanted * 1e3:.1f} mm and 2 mm to spare are required. {mend}, or, if the two "
+        f"may touch, name them: --allowed {first},{second}"
     )
 
 

@@ -28,7 +28,11 @@ from consistent_id.excitation.accuracy import (
 from consistent_id.excitation.aims import Aim, PathForm, base_for, forms_to_try
 from consistent_id.excitation.clear_poses import clear_poses
 from consistent_id.excitation.designed import ExcitationDesign, Stage
-from consistent_id.excitation.search_problem import SearchProblem, search_problem
+from consistent_id.excitation.search_problem import (
+    SearchProblem,
+    require_playable_form,
+    search_problem,
+)
 from consistent_id.excitation.searches import Lanes
 from consistent_id.excitation.stages import COMPARED, DesignSearch, compared_paths
 from consistent_id.excitation.verification import FRICTION_SHARE, Demands, demands
@@ -42,7 +46,6 @@ from consistent_id.robot.model import RobotModel
 
 _log = logging.getLogger(__name__)
 
-_LEAST = 0.01  # rad or m; a joint that can move less is not excited
 _DRAWN = 0.2  # most of the time limit for each random path, and for all together
 _ALL_DRAWN = 0.5
 _STEPS = 12  # of a search, below which the time limit is short
@@ -209,7 +212,7 @@ def _forms(
     if not forms:
         raise ProblemError("form is an empty sequence, expected one form or more")
     for one in forms:
-        _require_long_enough(one, aim, limits)
+        require_playable_form(one, aim, limits)
     return tuple(dict.fromkeys(forms))
 
 
@@ -274,29 +277,6 @@ def _require_sensible(
     if not 0.0 < time_limit < np.inf:
         raise ProblemError(f"time_limit is {time_limit} s, expected more than 0")
     return min(workers or _processors(), starts)
-
-
-def _require_long_enough(form: PathForm, aim: Aim, limits: MotionLimits) -> None:
-    highest = form.frequencies[-1]
-    if highest > 0.5 * aim.rate:
-        raise ProblemError(
-            f"a path of {form.duration:g} s with frequencies up to {highest:.4g} Hz "
-            f"cannot be recorded at {aim.rate:g} Hz; make it longer, or use fewer "
-            f"harmonics"
-        )
-    # From rest to rest at full speed, or accelerating for half of the time.
-    reach = np.minimum(
-        limits.velocity * form.duration / 2.0,
-        limits.acceleration * form.duration**2 / 8.0,
-    )
-    j = int(np.argmin(reach))
-    if reach[j] < _LEAST:
-        raise ProblemError(
-            f"in {form.duration:g} s joint {limits.joints[j]!r} can move "
-            f"{reach[j]:.2g} rad (or m) within velocity {limits.velocity[j]:g} and "
-            f"acceleration {limits.acceleration[j]:g}; make the path longer, or raise "
-            "these limits"
-        )
 
 
 def _unoptimised(problem: SearchProblem, aim: Aim, starts: int) -> PredictedAccuracy:

@@ -4,7 +4,7 @@ Sentences say which limits a motion keeps, and what could not be checked.
 """
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import compress
 from typing import Any
 
@@ -17,13 +17,14 @@ from consistent_id.excitation.playable import ValidationPath
 from consistent_id.excitation.verification import Demands, PathProof
 from consistent_id.motion.collisions.bodies import HalfSpace
 from consistent_id.motion.collisions.clearance import ClearanceReport
-from consistent_id.motion.collisions.scene import Scene
+from consistent_id.motion.collisions.scene import NEIGHBOURS, Scene
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.margins import Margin
 from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.base import ConditionNumber
 
 PROVEN = "proven for all times"
+TO_PROVE = "to be proven for all times"
 _STATED = ("velocity", "acceleration", "jerk", "effort")
 _NAMED = 4  # of unchecked bodies or of obstacles, in one sentence
 _HARDLY = 0.1  # share of a joint's range, or rad or m without one
@@ -31,22 +32,28 @@ _SAMPLES = 1000
 
 
 def clearance_words(scene: Scene) -> str:
-    """Return the least distance of a scene's pairs, "proven" or only "checked"."""
+    """Return what is "proven" of a scene's pairs, or only "checked"; and the others."""
+    pairs = f"{len(scene.pairs)} pairs of bodies"
     if scene.unchecked:
-        return f"{len(scene.pairs)} pairs of bodies checked; others are not"
-    return (
-        f"{len(scene.pairs)} pairs of bodies checked; {PROVEN}{adjacent_words(scene)}"
-    )
+        return f"{pairs} checked; others are not"
+    return f"{pairs}: {PROVEN}{left_out_words(scene)}"
 
 
-def adjacent_words(scene: Scene) -> str:
-    """Return words on pairs that one joint connects, which are not checked."""
-    if not scene.adjacent:
-        return ""
-    return f"; pairs that one joint connects are not checked ({scene.adjacent})"
+def left_out_words(scene: Scene) -> str:
+    """Return which pairs are left out of a proof, and why."""
+    words = []
+    if (count := len(scene.adjacent)) > 0:
+        names = tuple(" and ".join(pair) for pair in scene.adjacent)
+        pairs = f"{count} pair{'s' if count > 1 else ''}"
+        words.append(f"{pairs} of {NEIGHBOURS} ({some_of(names, _NAMED)})")
+    allowed = tuple(f"{n.first} and {n.second}" for n in scene.notes if n.wanted)
+    if allowed:
+        pairs = f"{len(allowed)} pair{'s' if len(allowed) > 1 else ''}"
+        words.append(f"{pairs} that may touch, as stated ({some_of(allowed, _NAMED)})")
+    return f"; left out: {' and '.join(words)}" if words else ""
 
 
-def kept_limits(demands: Demands) -> str:
+def kept_limits(demands: Demands, proven: str = PROVEN) -> str:
     """Return which limits of motion and torque are kept, and which are not stated.
 
     A limit that only some joints have is named with the joints that lack it.
@@ -64,14 +71,14 @@ def kept_limits(demands: Demands) -> str:
         if not its.all()
     ]
     more = f"; no limit is stated for {', '.join(missing)}" if missing else ""
-    return f"limits of {kept}: {PROVEN}{more}"
+    return f"limits of {kept}: {proven}{more}"
 
 
-def kept_apart(scene: Scene | None) -> tuple[str, ...]:
-    """Return the least distances of bodies, their surroundings, and unchecked pairs."""
+def kept_apart(scene: Scene | None, proven: str = PROVEN) -> tuple[str, ...]:
+    """Return what is proven of which bodies, what is left out, and what is unknown."""
     if scene is None:
         return ("collisions: NOT CHECKED",)
-    found = [_distances(scene)]
+    found = [_distances(scene, proven)]
     if scene.unchecked:
         found.insert(
             0, f"NOT CHECKED for collisions: {some_of(scene.unchecked, _NAMED, '; ')}"
@@ -79,7 +86,7 @@ def kept_apart(scene: Scene | None) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _distances(scene: Scene) -> str:
+def _distances(scene: Scene, proven: str) -> str:
     if not scene.pairs:
         return "bodies: no two can come together"
     counts = Counter(pair.wanted for pair in scene.pairs)
@@ -89,12 +96,31 @@ def _distances(scene: Scene) -> str:
         if wanted == 0.0:
             close = (pair for pair in scene.pairs if pair.wanted == wanted)
             names = tuple(" and ".join(scene.names(pair)) for pair in close)
-            apart.append(f"{pairs} must not touch ({some_of(names, _NAMED)})")
+            why = _relaxed_words(scene)
+            apart.append(f"{pairs} must not touch ({some_of(names, _NAMED)}{why})")
         else:
             verb = "stay" if count > 1 else "stays"
-            apart.append(f"{pairs} {verb} {wanted * 1e3:.3g} mm apart")
-    how = "checked" if scene.unchecked else PROVEN
-    return f"bodies: {', '.join(apart)}, {how}{adjacent_words(scene)}; {_around(scene)}"
+            apart.append(f"{pairs} {verb} {wanted * 1e3:.4g} mm apart")
+    count = len(scene.pairs)
+    which = f"{count} pairs that can come together" if count > 1 else "one pair"
+    how = "checked" if scene.unchecked else proven
+    return (
+        f"bodies: {how} between {which}: {', '.join(apart)}{left_out_words(scene)}; "
+        f"{_around(scene)}"
+    )
+
+
+def _relaxed_words(scene: Scene) -> str:
+    """Return why some pairs must only not touch: they hardly can be farther apart."""
+    relaxed = {frozenset((n.first, n.second)) for n in scene.notes if n.watched}
+    count = sum(
+        pair.wanted == 0.0 and frozenset(scene.names(pair)) in relaxed
+        for pair in scene.pairs
+    )
+    if not count:
+        return ""
+    of = "" if count == sum(p.wanted == 0.0 for p in scene.pairs) else f" of {count}"
+    return f"; the default clearance{of} is relaxed: few poses or none keep it"
 
 
 def _around(scene: Scene) -> str:
@@ -119,16 +145,20 @@ def least_moved(path: JointPath, limits: MotionLimits) -> str:
     A joint hardly moves if it uses less than a tenth of its range; without a range, if
     it moves by less than 0.1 rad or m.
     """
-    shares = range_shares(path, limits)
+    return least_moved_of(limits.joints, range_shares(path, limits))
+
+
+def least_moved_of(joints: Sequence[str], shares: Vector) -> str:
+    """Return which joints hardly move, in words, from the shares of their ranges."""
     few = [k for k in np.argsort(shares) if shares[k] < _HARDLY]
     if few:
         named = tuple(
-            f"{limits.joints[k]} ({100.0 * shares[k]:.2g} % of its range)" for k in few
+            f"{joints[k]} ({100.0 * shares[k]:.2g} % of its range)" for k in few
         )
         verb = "moves" if len(few) == 1 else "move"
         return f"hardly {verb}: {some_of(named, _NAMED)}"
     k = int(np.argmin(shares))
-    return f"least moved: {limits.joints[k]}, {100.0 * shares[k]:.0f} % of its range"
+    return f"least moved: {joints[k]}, {100.0 * shares[k]:.0f} % of its range"
 
 
 def range_shares(path: JointPath, limits: MotionLimits) -> Vector:
@@ -364,6 +394,11 @@ def _scene(
         "pairs": [
             {"bodies": list(scene.names(pair)), "wanted_m": pair.wanted}
             for pair in scene.pairs
+        ],
+        "statement": list(kept_apart(scene)),
+        "left_out": [
+            {"bodies": [first, second], "why": why}
+            for first, second, why in scene.left_out
         ],
         "notes": [str(note) for note in scene.notes],
         "dropped": [link for link, _ in scene.dropped],

@@ -23,7 +23,7 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import PathForm, parameters_named
 from consistent_id.excitation.design_record import (
     PROVEN,
-    adjacent_words,
+    TO_PROVE,
     design_record,
     design_tables,
     kept_apart,
@@ -40,6 +40,7 @@ from consistent_id.excitation.playable import (
     what_moves,
 )
 from consistent_id.excitation.request import DesignRequest, design_request
+from consistent_id.excitation.search_problem import require_playable_form
 from consistent_id.excitation.verification import Demands, demands
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.files import follow, write_trajectory
@@ -127,6 +128,15 @@ def require_formats(formats: Sequence[str], joints: Sequence[str]) -> None:
         require_names(tuple(joints), Path(f"--format {ending}"))
 
 
+def require_thinned(formats: Sequence[str], tolerance: float | None) -> None:
+    """Refuse a tolerance of files with few points where none is written."""
+    if tolerance is not None and "yaml" not in formats:
+        raise ProblemError(
+            f"--thin is for the yaml file, but the formats are {', '.join(formats)}; "
+            "add yaml to --format, or leave --thin out"
+        )
+
+
 def require_places(folder: Path, formats: Sequence[str]) -> None:
     """Refuse a folder in which `write_design` cannot write."""
     motions = (TRAINING, VALIDATION)
@@ -209,6 +219,8 @@ def planned(problem: Problem, parameters: ArrayLike | None = None) -> Plan:
         request.scene,
         request.friction_share,
     )
+    for form in request.forms:
+        require_playable_form(form, request.aim, required.limits)
     tables, form = request_tables(moved, request, required), request.form
     record = {
         "format": PLAN,
@@ -224,7 +236,7 @@ def planned(problem: Problem, parameters: ArrayLike | None = None) -> Plan:
         "periods": request.periods or 1,
         "start_pose": request.start_pose,
         "limits": limits_record(request.limits),
-        "kept_apart": list(kept_apart(required.scene)),
+        "kept_apart": list(kept_apart(required.scene, TO_PROVE)),
         "notes": list(request.notes),
         "tables": [asdict(table) for table in tables],
     }
@@ -265,7 +277,10 @@ def _proven_words(scene: Scene | None) -> str:
     of = "limits and clearances"
     if scene.unchecked:
         of = "limits, and clearances of the bodies that are checked,"
-    return f"{of} {PROVEN}{adjacent_words(scene)}"
+    left = len(scene.left_out)
+    pairs = f"{left} pair{'s' if left > 1 else ''}"
+    without = f", without the {pairs} left out above" if left else ""
+    return f"{of} {PROVEN}{without}"
 
 
 def _rows(playable: PlayableDesign) -> Iterator[tuple[str, ...]]:
@@ -290,9 +305,10 @@ def request_tables(
         bound = f", condition number up to {aim.condition_at_most:g}"
     objectives = ", then ".join(aim.objectives) + bound * (len(aim.objectives) > 1)
     pose, times = request.start_pose, request.periods or 1
+    apart = kept_apart(required.scene, TO_PROVE)
     lines = [
-        ("collisions", "; ".join(kept_apart(required.scene)).removeprefix(_COLLISIONS)),
-        ("limits", kept_limits(required).removeprefix("limits of ")),
+        ("collisions", "; ".join(apart).removeprefix(_COLLISIONS)),
+        ("limits", kept_limits(required, TO_PROVE).removeprefix("limits of ")),
         ("duration", f"{form.duration:g} s"),
         ("frequencies", tried),
         ("ends", _ends(form)),

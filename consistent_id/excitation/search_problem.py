@@ -45,6 +45,8 @@ _GRID = 24  # samples per period of the highest frequency, at which guards measu
 _STRIDE = 3  # every third of these times is enough for a random path
 _ROW = 3e-6  # work of a guard's row for each joint
 _DRAW = 0.6  # for each joint, of the work of measuring guards at these times
+_LEAST = 0.01  # rad or m; a joint that can move less is not excited
+_MOST_SAMPLES = 1_000_000  # of a recording
 _FILL = 0.8  # share of the limits that a random path uses
 
 
@@ -246,11 +248,9 @@ def search_problem(
         another robot.
     """
     limits = robot_limits(limits, model.robot)
-    basis = FourierBasis(
-        limits, form.frequencies, form.duration, form.rest, form.smooth
-    )
-    cycles = form.frequencies[-1] * form.duration
+    basis = _basis(form, limits)
     still = basis.trajectory(np.zeros((basis.size, len(limits.joints))))
+    cycles = form.frequencies[-1] * basis.duration
     earlier = earlier_rows(model, base, aim)
     information = PathInformation(
         model=model,
@@ -270,6 +270,60 @@ def search_problem(
         aim.scaling,
         _gram(model, base, aim),
         interest=places_of_interest(base, aim.interest),
+    )
+
+
+def require_playable_form(form: PathForm, aim: Aim, limits: MotionLimits) -> None:
+    """Refuse a form that is too short, too long or too fast for what is stated.
+
+    Raises
+    ------
+    ProblemError
+        With the duration, frequency or joint, and what to do.
+    """
+    samples = form.duration * aim.rate
+    if samples > _MOST_SAMPLES:
+        raise ProblemError(
+            f"a path of {form.duration:g} s, recorded at {aim.rate:g} Hz, has "
+            f"{samples:.3g} samples, expected {_MOST_SAMPLES} at most; make it shorter "
+            "and play it several times"
+        )
+    highest = form.frequencies[-1]
+    if highest > 0.5 * aim.rate:
+        raise ProblemError(
+            f"a path of {form.duration:g} s with frequencies up to {highest:.4g} Hz "
+            f"cannot be recorded at {aim.rate:g} Hz; make it longer, or use fewer "
+            f"harmonics"
+        )
+    # From rest to rest at full speed, or accelerating for half of the time.
+    reach = np.minimum(
+        limits.velocity * form.duration / 2.0,
+        limits.acceleration * form.duration**2 / 8.0,
+    )
+    j = int(np.argmin(reach))
+    if reach[j] < _LEAST:
+        raise ProblemError(
+            f"in {form.duration:g} s joint {limits.joints[j]!r} can move "
+            f"{reach[j]:.2g} rad (or m) within velocity {limits.velocity[j]:g} and "
+            f"acceleration {limits.acceleration[j]:g}; make the path longer, or raise "
+            "these limits"
+        )
+    _basis(form, limits)  # refuses frequencies that leave no motion
+
+
+def _basis(form: PathForm, limits: MotionLimits) -> FourierBasis:
+    """Return all paths of a form, sampled in one repetition if they repeat.
+
+    At the same times of several repetitions, limits would be the same rows twice.
+    """
+    period = form.period
+    return FourierBasis(
+        limits,
+        form.frequencies,
+        period,
+        form.rest,
+        form.smooth,
+        round(form.duration / period),
     )
 
 

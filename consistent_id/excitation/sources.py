@@ -39,7 +39,7 @@ _LIMITS = (
 OPEN = "open"
 """Word for the parameters that an earlier estimate does not determine."""
 _OPEN_ORIGINS = ("loose", "prior", "convention")
-_SCENE = ("ground", "clearance", "planning_scene")
+_SCENE = ("ground", "clearance", "planning_scene", "allowed")
 
 
 def is_robot(path: Path) -> bool:

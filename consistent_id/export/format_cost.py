@@ -13,7 +13,7 @@ from consistent_id.export.export_formats import exported, known_format
 from consistent_id.export.file_torque import FileTorque, file_torque
 from consistent_id.export.file_values import parameters_in_file, read_contents
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import FLOATING, Selection
 

@@ -1,6 +1,7 @@
 """A motion on feet for people and for the robot: tables, samples, figure, record."""
 
 import json
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from consistent_id._support.files import together, write_atomically
 from consistent_id._support.tables import Table
+from consistent_id.excitation.design_record import least_moved_of
 from consistent_id.motion.files.robot_formats import message_of
 from consistent_id.motion.files.trajectory_file import csv_of
 from consistent_id.report.plot import draw_figure
@@ -15,6 +17,7 @@ from consistent_id.robot.inertia import INERTIAL_NAMES
 from consistent_id.standing.standing_design import CHECK_RATE, StandingDesign
 from consistent_id.standing.trunk_path import COORDINATES
 
+_TURN = 2.0 * np.pi  # rad
 _CORRELATED = 0.1, 0.35  # s, of noise on real robots
 
 _UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
@@ -27,6 +30,7 @@ def standing_tables(design: StandingDesign) -> list[Table]:
     trunk = design.link
     samples = len(checked.time)
     how = (
+        _least_moved(design),
         f"checked at {samples} times, {CHECK_RATE:g} a second; between them nothing is "
         "proven, and bodies are not kept apart",
         "forces on the ground: one choice that keeps their limits; a controller may "
@@ -101,6 +105,7 @@ def standing_record(design: StandingDesign) -> dict[str, Any]:
         ),
         "error_rate_hz": CHECK_RATE,
         "candidates": design.candidates,
+        "least_moved": _least_moved(design),
         "cut_short": design.cut_short,
         "seconds": design.seconds,
     }
@@ -159,6 +164,20 @@ def standing_figure(design: StandingDesign) -> Any:
     for axis in (places, turns, torques, forces):
         axis.grid(alpha=0.3)
     return figure
+
+
+def _least_moved(design: StandingDesign) -> str:
+    """Return which of the joints that move hardly do, or which moves least.
+
+    The range of a joint without an end is a turn.
+    """
+    robot = design.stance.robot
+    moved = np.ptp(design.checked.joints.q, axis=0)
+    limits = [joint.limits for joint in robot.driven]
+    width = np.array([its.upper - its.lower for its in limits])
+    shares = moved / np.where(np.isfinite(width) & (width > 0.0), width, _TURN)
+    moving = moved > 0.0
+    return least_moved_of(list(compress(robot.joint_names, moving)), shares[moving])
 
 
 def _still(design: StandingDesign) -> list[str]:

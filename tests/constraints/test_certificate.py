@@ -53,7 +53,8 @@ def _triangular(seed, size=3):
 def test_no_way_of_solving_is_tried_twice():
     """Tolerances as they are, and one that is finer of a problem that is magnified."""
     problem, _ = _triangular(0)
-    ways = list(certificate._ways(problem, np.zeros(6), [], reach=0.0, gap=1e-6))
+    options = {"reference": 0.5, "reach": 0.0, "gap": 1e-6}
+    ways = list(certificate._ways(problem, np.zeros(6), [], **options))
     told = [tuple(sorted(way.keywords.items(), key=str)) for way in ways]
     assert len({str(one) for one in told}) == len(told)
     plain = [way.keywords for way in ways if "within" not in way.keywords]
@@ -154,7 +155,7 @@ def test_where_a_larger_gap_is_enough_the_square_and_a_coarse_programme_are_firs
     assert ways[0] == 1e-6 and len(ways) <= 2
 
 
-def refused(*args):
+def refused(*args, **options):
     raise SolverError("no point")
 
 
@@ -211,11 +212,9 @@ def programmes_tried(monkeypatch, share):
         asked.append((*sorted(options.items(), key=str), ball and ball.radius))
         return replace(solution, multipliers=solution.multipliers.times(share))
 
-    def refused(problem, **options):
-        raise SolverError("no point")
-
     monkeypatch.setattr(certificate, "solve_least_norm", noted)
     monkeypatch.setattr(certificate, "solve_half_square", refused)
+    monkeypatch.setattr(certificate, "solve_about", refused)
     _, optimality = solve_certified(problem, np.zeros(6), reference=0.5)
     assert optimality.verdict == "uncertified"
     return asked

@@ -11,6 +11,7 @@ from consistent_id.constraints.cones.certificate import (
     Parabola,
     _bound_by_qr,
     _cost_of_rest,
+    _rounding,
     _rows_of,
     ball_about,
     certify,
@@ -135,7 +136,24 @@ def test_the_gap_of_least_squares_is_what_the_point_is_worse_by(
         # Rounding leaves 1e-16 of the gradient, whose part here is 1e-5 or more.
         rounding = 1e-10 * condition
         share = excess / (1.0 + excess)
-        assert proof.gap == pytest.approx(share, rel=1e-6 + rounding)
+        # That of the misfit is added.
+        problem = LeastNorm(G, g, domain)
+        added = _rounding(problem, point.u) / proof.objective
+        assert 0.0 < added < 1e-13 * condition
+        assert proof.gap - added == pytest.approx(share, rel=1e-6 + rounding)
+
+
+def test_the_rounding_of_a_misfit_is_less_than_its_bound():
+    """Rows of integers, whose sums have no rounding error, divided by ten."""
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        G = rng.integers(-9, 10, (8, 6)).astype(float)
+        u = rng.integers(-(10**6), 10**6, 6).astype(float)
+        g = G @ u + rng.integers(-9, 10, 8)
+        exact = np.sum((G @ u - g) ** 2) / 2
+        tenth = LeastNorm(G / 10.0, g, ConicSet.everything(6))
+        found = np.sum((tenth.G @ (10.0 * u) - g) ** 2) / 2
+        assert abs(found - exact) <= _rounding(tenth, 10.0 * u)
 
 
 @pytest.mark.parametrize(

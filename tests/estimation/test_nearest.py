@@ -16,7 +16,7 @@ from consistent_id import (
     differentiated,
 )
 from consistent_id.constraints import PointToSet
-from consistent_id.estimation.penalised import _WeightSearch
+from consistent_id.estimation.nearest import _WeightSearch
 from consistent_id.robot import load_urdf
 
 

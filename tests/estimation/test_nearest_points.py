@@ -12,7 +12,7 @@ from consistent_id.constraints.priors import nominal_distance
 from consistent_id.estimation.best_fit import FitProblem
 from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS, best_inside
 from consistent_id.estimation.left_out import nearest_points, next_first
-from consistent_id.estimation.penalised import nearest_within
+from consistent_id.estimation.nearest import nearest_within
 from consistent_id.regression import base_parameters
 
 SLACKS = (1e-4, 0.003, 0.05)  # the last one reaches the nominal robot

@@ -12,18 +12,18 @@ from consistent_id.constraints.cones.certificate import (
     GAP_TOLERANCE,
 )
 from consistent_id.constraints.priors import nominal_distance
-from consistent_id.estimation import penalised
+from consistent_id.estimation import nearest
 from consistent_id.estimation.best_fit import (
     REFERENCE,
     best_fit,
 )
-from consistent_id.estimation.penalised import (
+from consistent_id.estimation.nearest import (
     DISTANCE_GAP,
-    Compromise,
     _WeightedPoint,
     _WeightSearch,
     nearest_within,
 )
+from consistent_id.estimation.penalised import Compromise
 from consistent_id.regression.base import base_parameters
 
 
@@ -87,9 +87,9 @@ def test_a_proof_that_just_suffices_is_made_finer_for_the_distance(
 
     monkeypatch.setattr(Compromise, "optimum", just)
     enough = replace(near, distance_gap=DISTANCE_GAP)
-    assert penalised._finer(best.scaled, distance, enough, least, 3.0) is enough
+    assert nearest._finer(best.scaled, distance, enough, least, 3.0) is enough
     coarse = replace(near, distance_gap=2.0 * DISTANCE_GAP)
-    found = penalised._finer(best.scaled, distance, coarse, least, 3.0)
+    found = nearest._finer(best.scaled, distance, coarse, least, 3.0)
     (gap,) = asked
     # Half of what is allowed is for the proof, and half for what the slack leaves.
     objective = max(fit.optimality.objective, REFERENCE)
@@ -103,6 +103,71 @@ def test_a_proof_that_just_suffices_is_made_finer_for_the_distance(
         assert (found.slack, found.allowed) == (slack, near.allowed)
     else:
         assert found is coarse
+
+
+@pytest.fixture(scope="module")
+def two_weights():
+    """Return a set of points within a slack, optima of two weights, and what is exact.
+
+    The optimum of one weight is well within the slack, that of the other one far out.
+    """
+    model, regression = noisy(3, joints=3, noise=0.2)
+    best = best_fit(model, regression, (), base=base_parameters(model))
+    scaled = best.scaled
+    distance = nominal_distance(model, "pullback", scaled.unit)
+    near = nearest_within(best, distance, 0.03)
+    least = scaled.excess(best.solution.u)
+    within = nearest._WithinSlack(scaled, distance, least, near.allowed, 0.03)
+    w = near.fit.weight
+    fits = [Compromise(scaled, distance, w * s, 1e3).optimum() for s in (0.05, 20.0)]
+    assert [within.holds(fit) for fit in fits] == [True, False]
+    return best, within, fits, near
+
+
+def test_a_point_between_two_optima_uses_up_the_slack(two_weights):
+    _, within, (under, over), _ = two_weights
+    u = within.between(under.solution.u, over.solution.u)
+    assert within.scaled.excess(u) - within.least == pytest.approx(within.allowed)
+    assert within.scaled.excess(u) - within.least <= within.allowed
+    # From a point that has used it up already, there is no way to go.
+    assert within.between(over.solution.u, under.solution.u) is over.solution.u
+
+
+def test_its_distance_is_bounded_by_the_better_of_both_proofs(two_weights):
+    _, within, fits, near = two_weights
+    u = within.between(*(fit.solution.u for fit in fits))
+    found = within.proven(u, fits)
+    exact = near.fit.squared_distance  # to its own gap, below a hundredth
+    gaps = [near.distance_gap * exact, found.distance_gap * found.fit.squared_distance]
+    assert gaps[0] <= 0.01 * exact < gaps[1]
+    assert exact - gaps[0] <= found.fit.squared_distance <= exact + gaps[1]
+    for fit in fits:
+        alone = within.proven(u, [fit])
+        assert alone.distance_gap >= found.distance_gap
+        # As a compromise at that weight it is worse than the optimum, by the gap.
+        excess = alone.fit.excess + fit.weight * alone.fit.squared_distance
+        least = fit.excess + fit.weight * fit.squared_distance
+        gap = alone.fit.optimality.gap * max(alone.fit.optimality.objective, REFERENCE)
+        assert excess - least <= 2.0 * gap * (1.0 + 1e-9)
+    # Nothing is claimed of points outside, or without a proof that reaches so far.
+    assert within.proven(fits[1].solution.u, fits) is None
+    short = [replace(f, optimality=replace(f.optimality, radius=1e-3)) for f in fits]
+    assert within.proven(u, short) is None
+
+
+@pytest.mark.parametrize("given", [(0, 1), (1,)])
+def test_points_between_optima_come_as_near_as_a_search_of_weights(two_weights, given):
+    """Also if the best fit is the only point within the slack."""
+    best, within, fits, near = two_weights
+    nothing = replace(near, fit=fits[0], distance_gap=np.inf)
+    found = nearest._between(within, best, [fits[i] for i in given], nothing, 1e3)
+    assert found.distance_gap <= DISTANCE_GAP
+    assert found.fit.optimality.verdict == "certified"
+    assert found.fit.excess - within.least <= within.allowed
+    ours, exact = found.fit.squared_distance, near.fit.squared_distance
+    assert ours == pytest.approx(exact, rel=2.0 * DISTANCE_GAP)
+    # Weights whose optima are all within the slack have nothing between them.
+    assert nearest._between(within, best, fits[:1], nothing, 1e3) is nothing
 
 
 def test_a_weight_is_sought_by_brackets_and_then_by_interpolation():
@@ -173,7 +238,7 @@ def search(monkeypatch):
 
             return SimpleNamespace(optimum=optimum)
 
-        monkeypatch.setattr(penalised, "Compromise", compromise)
+        monkeypatch.setattr(nearest, "Compromise", compromise)
         scaled = SimpleNamespace(excess=lambda u: 4.0, residual=1.5)
         u, nominal = np.array([1.0, 2.0]), np.array([4.0, 6.0])
         best = SimpleNamespace(scaled=scaled, solution=SimpleNamespace(u=u))

@@ -31,7 +31,8 @@ from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.priors import nominal_distance
 from consistent_id.estimation.best_fit import best_fit
-from consistent_id.estimation.penalised import nearest_within, penalised_fit
+from consistent_id.estimation.nearest import nearest_within
+from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.regression import GearCoupling, base_parameters
 
 

@@ -1,5 +1,6 @@
 """A robot's own shapes are kept apart where nothing is said of collisions."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -30,6 +31,8 @@ LINKS = """
 """
 BOX = """<collision><origin xyz="{x} 0 0"/><geometry>
     <box size="{length} 0.1 0.1"/></geometry></collision>"""
+DISC = """<collision><geometry><cylinder radius="0.52" length="0.1"/></geometry>
+    </collision>"""
 MESH = """<collision><geometry><mesh filename="package://gone/hand.stl"/></geometry>
     </collision>"""
 
@@ -60,7 +63,9 @@ def test_shapes_of_the_file_are_watched_by_default_and_adjacent_ones_are_not(tmp
     pairs = {frozenset(scene.names(pair)) for pair in scene.pairs}
     apart = {("base", "lower"), ("base", "hand"), ("upper", "hand")}
     assert pairs == {frozenset(two) for two in apart}
-    assert scene.adjacent == 3 and "3 pairs" in scene.remarks[0]
+    neighbours = {("base", "upper"), ("upper", "lower"), ("lower", "hand")}
+    assert set(scene.adjacent) == neighbours
+    assert all(" and ".join(names) in scene.remarks[0] for names in neighbours)
     assert "--no-collisions" in request.notes[0]
     # The hand folded on to the upper arm: 0.5 - 0.5 along it, by hand.
     folded = nearest(scene, [[0.0, 3.0, 3.0]])
@@ -151,8 +156,67 @@ def test_every_distance_is_said_with_its_pairs(tmp_path):
     several = f"{len(others)} pairs stay" if len(others) > 1 else "1 pair stays"
     named = " and ".join(scene.names(first))
     near = f"1 pair must not touch ({named})"
-    assert said.startswith(f"bodies: {several} 20 mm apart, {near}")
-    assert f"one joint connects are not checked ({scene.adjacent})" in said
+    assert f"3 pairs that can come together: {several} 20 mm apart, {near}" in said
+
+
+def test_what_is_proven_and_what_is_left_out_is_one_statement(tmp_path):
+    file = _robot(tmp_path)
+    changes = {"ground": -0.5, "allowed": [("base", "hand")]}
+    scene = _request(file, **changes).scene
+    (said,) = kept_apart(scene)
+    assert said.startswith("bodies: proven for all times between ")
+    proven, left = said.split("; left out: ")
+    # The floor and three links, and base and lower, upper and hand.
+    assert "5 pairs that can come together: 5 pairs stay 20 mm apart" in proven
+    assert left.startswith("3 pairs of neighbours, whose shapes overlap at their joint")
+    assert "base and upper, upper and lower, lower and hand" in left
+    assert "1 pair that may touch, as stated (base and hand)" in left
+    names = [pair[:2] for pair in scene.left_out]
+    apart = [scene.names(pair) for pair in scene.pairs]
+    assert len({frozenset(pair) for pair in [*names, *apart]}) == 9
+
+
+def test_a_plan_does_not_say_that_anything_is_proven(tmp_path, capsys):
+    file = _robot(tmp_path)
+    assert main(["excite", str(file), "--acceleration", "5", "--dry-run"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "to be proven for all times between 3 pairs" in told
+    assert not re.search(r"(?<!to be )proven", told)
+
+
+def test_a_stated_clearance_that_no_pose_keeps_is_refused_and_the_default_relaxed(
+    tmp_path, capsys
+):
+    """A disc about the wrist is 30 mm away from the upper arm if the elbow is straight.
+
+    The upper arm ends 50 mm before the elbow, the wrist is 500 mm behind it.
+    """
+    file = _robot(tmp_path, hand=DISC)
+    asked = ["excite", str(file), "--acceleration", "5", "--dry-run"]
+    assert main([*asked, "--clearance", "1"]) == 2
+    said = capsys.readouterr().err
+    assert "1000 mm is stated" in said and "'upper' and 'hand'" in said
+    assert "30.0 mm, at elbow = " in said and "--allowed upper,hand" in said
+    assert main(asked) == 0
+    first = " ".join(capsys.readouterr().out.split()[:60])
+    assert "must not touch (upper and hand; the default clearance is relaxed" in first
+    assert main([*asked, "--clearance", "1", "--allowed", "upper,hand"]) == 2
+    assert "'upper' and 'hand'" not in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main([*asked, "--allowed", "upper"])
+    assert "expected two bodies or links" in capsys.readouterr().err
+
+
+def test_a_floor_that_is_too_high_is_refused_with_bodies_pose_and_height(
+    tmp_path, capsys
+):
+    file = _robot(tmp_path)
+    asked = ["excite", str(file), "--acceleration", "5", "--dry-run", "--ground"]
+    assert main([*asked, "0.6"]) == 2
+    said = capsys.readouterr().err
+    assert "'ground' and 'upper'" in said and "shoulder = " in said
+    assert "penetrate each other by 650.0 mm" in said
+    assert main([*asked, re.search(r"--ground (-[\d.]+) or less", said)[1]]) == 0
 
 
 def test_a_limit_of_some_joints_is_said_with_the_joints_that_lack_it(tmp_path):

@@ -34,10 +34,14 @@ def mean_error(path, joints=2):
     return float(np.exp(-np.log(singular).mean()))
 
 
-def random_paths(count, joints=2, form=FORM):
+def searched(joints=2, form=FORM):
     robot = arm(joints)
     model, limits = TorqueModel(robot), arm_limits(robot)
-    problem = search_problem(model, base_parameters(model), form, Aim(), limits)
+    return search_problem(model, base_parameters(model), form, Aim(), limits)
+
+
+def random_paths(count, joints=2, form=FORM):
+    problem = searched(joints, form)
     return [problem.basis.trajectory(problem.random(k)) for k in range(count)]
 
 
@@ -109,7 +113,40 @@ def test_faster_joints_get_higher_frequencies():
     assert leg_like[-1].frequencies[-1] > 5.0
     assert max(len(form.frequencies) for form in leg_like) <= 24
     # a short search gets further over few harmonics
-    assert leg_like[0].frequencies[-1] == pytest.approx(0.8)
+    assert leg_like[0].frequencies[-1] == pytest.approx(1.6)
+
+
+def test_paths_from_rest_to_rest_repeat_near_five_seconds_and_longer_if_slow():
+    def periods(speed, duration, **how):
+        limits = MotionLimits(("a",), [-1], [1], [speed], [1e3], [np.inf], [np.inf])
+        forms = forms_to_try(limits, duration, **how)
+        assert {form.duration for form in forms} == {duration}
+        return {form.period for form in forms}
+
+    least = MotionLimits(("a",), [-1], [1], [1.0], [1e3], [np.inf], [np.inf])
+    assert [form.harmonics for form in forms_to_try(least, 10.0)] == [8, 12]
+    assert [form.harmonics for form in forms_to_try(least, 5.0)] == [5, 8, 12]
+    for duration, period in ((2.5, 2.5), (6.0, 6.0), (10.0, 5.0), (30.0, 5.0)):
+        assert periods(1.0, duration) == {period}
+    # A slower robot has longer periods: 0.7 of the time of a swing over its range.
+    assert periods(0.6, 30.0) == {7.5}
+    assert periods(0.06, 10.0) == {10.0}
+    assert periods(1.0, 10.0, rest=False) == {10.0}
+
+
+@pytest.mark.parametrize("rest", [True, False])
+def test_a_path_that_repeats_is_searched_in_one_repetition(rest):
+    once = searched(form=PathForm(3.0, 4, rest=rest))
+    twice = searched(form=PathForm(6.0, 4, 2.0 / 6.0, rest=rest))
+    assert twice.limits.matrix.shape == once.limits.matrix.shape
+    assert np.allclose(twice.grid, once.grid)
+    assert twice.information.samples == once.information.samples
+    variables = once.random(0)
+    for problem, duration in ((once, 3.0), (twice, 6.0)):
+        assert problem.basis.trajectory(variables).duration == duration
+    # Twice as long, twice the information.
+    M, twofold = (p.information(variables).matrix for p in (once, twice))
+    assert np.allclose(twofold, 2.0 * M)
 
 
 def test_without_a_statement_noise_is_a_share_of_the_effort_limits():

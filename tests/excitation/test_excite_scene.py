@@ -125,12 +125,14 @@ def test_shapes_of_a_urdf_need_a_urdf(tmp_path):
 
 
 def test_only_what_is_proven_is_said_to_be():
-    whole = SimpleNamespace(unchecked=(), adjacent=0)
-    part = SimpleNamespace(unchecked=("hand",), adjacent=0)
-    assert [_proven_words(one) for one in (None, whole, part)] == [
+    whole = SimpleNamespace(unchecked=(), left_out=())
+    part = SimpleNamespace(unchecked=("hand",), left_out=())
+    without = SimpleNamespace(unchecked=(), left_out=[("arm", "hand", "neighbours")])
+    assert [_proven_words(one) for one in (None, whole, part, without)] == [
         "limits proven for all times",
         "limits and clearances proven for all times",
         "limits, and clearances of the bodies that are checked, proven for all times",
+        "limits and clearances proven for all times, without the 1 pair left out above",
     ]
 
 
@@ -311,7 +313,7 @@ refine = "none"
 [excitation.scene]
 packages = ["{os.path.relpath(SHARE, tmp_path)}"]
 ground = 0.0
-clearance = 0.02
+clearance = 0.01
 allowed = [["ground", "base_link"], ["ground", "shoulder_link"]]
 """
     problem = scene_problem(tmp_path, text.replace("{", "{{").replace("}", "}}"))

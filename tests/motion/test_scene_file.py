@@ -16,8 +16,8 @@ from consistent_id.motion import (
     prove_clearance,
     scene_from_urdf,
 )
+from consistent_id.motion.collisions.farthest import random_poses
 from consistent_id.motion.collisions.scene import body_places
-from consistent_id.motion.collisions.scene_building import random_poses
 from consistent_id.motion.collisions.separation import nearest
 from consistent_id.recordings.joint_paths import FourierTrajectory
 from consistent_id.robot import load_urdf

@@ -304,3 +304,27 @@ def test_the_command_writes_what_can_be_played(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main(["excite", str(robot), "--standing", "--sole", "wide"])
     assert main(["excite", str(robot), "--standing", "--harmonics", "5"]) == 2
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--ground", "0"],
+        ["--clearance", "0.02"],
+        ["--effort-rms", "9"],
+        ["--no-collisions"],
+        ["--start-pose", "a_knee=0"],
+        ["--for", "trunk"],
+        ["--others", "known"],
+        ["--friction-share", "0"],
+        ["--format", "script"],
+        ["--starts", "8"],
+    ],
+)
+def test_options_of_arms_are_refused_on_feet_not_ignored(tmp_path, capsys, words):
+    robot = tmp_path / "robot.xml"
+    robot.write_text(quadruped_text(hips=CORNERS))
+    from consistent_id.cli import main
+
+    assert main(["excite", str(robot), "--standing", *words]) == 2
+    assert f"{words[0]} is of arms" in capsys.readouterr().err

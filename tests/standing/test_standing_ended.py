@@ -1,6 +1,7 @@
 """A search on feet that is ended early keeps its best path."""
 
 import os
+import re
 import signal
 
 import numpy as np
@@ -12,7 +13,7 @@ from consistent_id._support.run import Run, running, signals_raised
 from consistent_id.standing.forces_and_limits import StandingLimits
 from consistent_id.standing.stance import Stance, StandingFoot
 from consistent_id.standing.standing_design import design_standing
-from consistent_id.standing.standing_files import standing_tables
+from consistent_id.standing.standing_files import standing_record, standing_tables
 
 POSE = np.tile([0.1, 0.2, -0.9], 4)
 
@@ -57,6 +58,10 @@ def test_an_ended_search_keeps_its_best_path(stance, number, stopped, said):
     assert 1 <= found.candidates <= 32 and found.checked.largest <= 1.0
     text = " ".join(standing_tables(found)[0].text().split())
     assert f"{said} ended the search" in text
+    moved = np.ptp(found.checked.joints.q, axis=0)  # no joint has a range
+    least = stance.robot.joint_names[int(moved.argmin())]
+    assert re.search(f"(hardly moves?|least moved): {least}", text)
+    assert least in standing_record(found)["least_moved"]
 
 
 def test_without_a_path_the_message_says_that_time_ended_the_search(stance):

@@ -12,19 +12,14 @@ at most ``r_s^2 / (2 s^2)``; along all others together, where ``G`` is flat, at 
 gain of the linear function in a ball, ``radius ||r|| - r.(centre - u)``.  The least
 such sum is the gap.  It is valid for any result of the solver, for all ``v`` in a ball
 about a centre (the nominal robot) that is `RADIUS` times as large as the centre itself,
-and reaches `RADIUS` times as far as ``u`` is from it.
-
-`conic_optimum` makes the same proof for the form that CVXPY gives a convex problem,
-``minimise f(y) = 1/2 y.P y + q.y  subject to  b - A y in K``.  With ``g = P y + q`` and
-multipliers in the dual cone, no feasible ``y'`` of a ball has less than
-``f(y) + g.(y' - y)``, and `lower_bound` returns a lower bound of ``g.y'``.
+and reaches `RADIUS` times as far as ``u`` is from it, or in a ball that is given
+(`proven_within`).
 """
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -38,21 +33,11 @@ from consistent_id.constraints.cones.least_norm import (
     solve_half_square,
     solve_least_norm,
 )
-from consistent_id.constraints.cones.programmes import (
-    COARSE,
-    Ball,
-    ConeKind,
-    ConeRows,
-    Multipliers,
-    lower_bound,
-)
+from consistent_id.constraints.cones.local_metric import solve_about
+from consistent_id.constraints.cones.programmes import COARSE, Ball, Multipliers
 from consistent_id.constraints.cones.repeated import solve_squares
-from consistent_id.constraints.cones.sets import (
-    ConicSet,
-    lengths,
-    stacked,
-)
-from consistent_id.errors import InfeasibleError, SolverError
+from consistent_id.constraints.cones.sets import ConicSet, stacked
+from consistent_id.errors import SolverError
 
 _FINE = (1e-12, 1e-10)  # tolerances for moderate numbers, or for magnified ones
 _FLAT = 1e-3
@@ -67,8 +52,13 @@ than it saves.
 """
 
 _MAGNIFIED = (1e4, 1e6)
-"""Factors of half the square, tried last.  Four problems with torque that no robot has
-(``benchmarks/odd_torque.py``) were proven by nothing else; these prove three of them.
+"""Factors of half the square, tried where the norm is not proven: for torque that no
+robot has (``benchmarks/odd_torque.py``), its multipliers may be more accurate.
+"""
+
+_LOCAL = 4
+"""Solutions about the last point, in units of the room there: their gaps differ by
+orders of magnitude, as the solver's last digits do, and one or two are mostly enough.
 """
 
 _NO_COST = 1e-9  # share of the objective, far below the allowed gap
@@ -85,9 +75,6 @@ RADIUS = 10.0
 """Radius of the ball in which a proof is valid, in units of one plus its centre's
 norm.
 """
-
-CLARABEL = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
-"""Options of the solver."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,19 +181,23 @@ def certify(
     reference: float = 0.0,
     below: Parabola = _OWN,
     enough: float = _NO_COST,
+    beyond: bool = True,
 ) -> Optimality:
     """Recompute feasibility and the duality gap of a solution.
 
     Parameters
     ----------
     within : Ball
-        Where the proof is valid, at least; see `ball_about`.
+        Where the proof is valid; see `ball_about`.
     reference : float
         Reference of the relative gap, if larger than the objective.
     below : Parabola
         Below the function whose optimality is proven.
     enough : float
         Relative gap that is small enough: no tighter bound is then computed.
+    beyond : bool
+        Whether the proof is valid also `RADIUS` times as far as the solution is from
+        the ball's centre.
     """
     domain, centre = problem.domain, within.centre
     objective, curvature, triangle = below
@@ -218,8 +209,8 @@ def certify(
     rest, duals = unexplained(problem, u, solution.multipliers)
     E = domain.equalities.steps
     away = float(np.linalg.norm(u - centre))
-    radius = max(within.radius, RADIUS * away)
-    gap = moved + _complementarity(domain, u, duals)
+    radius = max(within.radius, RADIUS * away) if beyond else within.radius
+    gap = moved + _rounding(problem, u) + _complementarity(domain, u, duals)
     scale = max(objective, reference)
     slopes, to_centre = E.T @ rest, E.T @ (centre - u)
     if triangle is None:
@@ -240,6 +231,14 @@ def certify(
 
 def _half_square(problem: LeastNorm, u: Vector) -> float:
     return float(np.sum((problem.G @ u - problem.g) ** 2)) / 2
+
+
+def _rounding(problem: LeastNorm, u: Vector) -> float:
+    """Bound the rounding error of half the square, large if the point is far away."""
+    G, g, size = problem.G, problem.g, len(u) + 2
+    terms = abs(G) @ abs(u) + abs(g)
+    error = size * np.finfo(float).eps * float(np.linalg.norm(terms))
+    return error * (float(np.linalg.norm(G @ u - g)) + error)
 
 
 def _onto_equalities(domain: ConicSet, u: Vector) -> Vector:
@@ -271,7 +270,8 @@ def solve_certified(
 
     The methods are: without inequalities, if the result satisfies them; at several
     tolerances, for large problems first unrefined, and magnified; within the ball of
-    the proof; about the best point so far; with half the square.  If a larger gap is
+    the proof; about the best point so far; with half the square; about the best point
+    in units of the room there (`solve_about`).  If a larger gap is
     enough, the square and a coarse tolerance are tried first.  If two results show that
     the objective is `_FLAT`, other tolerances are skipped, and each ball is tried once.
 
@@ -296,7 +296,8 @@ def solve_certified(
             return free.solution, optimality
     found: list[_Proven] = []
     failures: list[str] = []
-    for way in _ways(problem, centre, found, reach=reach, gap=gap):
+    ways = _ways(problem, centre, found, reference=reference, reach=reach, gap=gap)
+    for way in ways:
         try:
             solution = way()
         except SolverError as failure:
@@ -316,6 +317,7 @@ def _ways(
     centre: Vector,
     found: Sequence[_Proven],
     *,
+    reference: float,
     reach: float,
     gap: float,
 ) -> Iterator[Callable[[], ConeSolution]]:
@@ -346,6 +348,49 @@ def _ways(
             tried.add((id(start), tolerance))
             yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
     yield from (partial(solve_half_square, problem, times=t) for t in _MAGNIFIED)
+    solution, optimality = min(found, key=_quality)
+    for _ in range(_LOCAL):
+        u, scale, known = solution.u, max(optimality.objective, reference), len(found)
+        if not 0.0 < scale < np.inf:
+            return
+        away = RADIUS * float(np.linalg.norm(u - centre))
+        ball = Ball(centre, max(within.radius, away))
+        yield partial(solve_about, problem, u, ball, scale=scale)
+        if len(found) == known:  # it failed, and would fail again
+            return
+        solution, optimality = found[-1]
+
+
+def proven_within(
+    problem: LeastNorm,
+    solution: ConeSolution,
+    within: Ball,
+    *,
+    start: Vector,
+    reference: float,
+) -> tuple[ConeSolution, Optimality]:
+    """Prove that no point of a ball is better than a solution, or than a better one.
+
+    The solution may be outside the ball: it is then at least as good as all points
+    inside.  If it is not proven, it is solved again in the ball, about a start.
+    """
+    problem = problem.compressed()
+    proof_of = partial(
+        certify, problem, within=within, reference=reference, beyond=False
+    )
+    found = [(solution, proof_of(solution))]
+    for _ in range(_LOCAL):
+        optimality = found[-1][1]
+        scale = max(optimality.objective, reference)
+        if optimality.verdict == "certified" or not 0.0 < scale < np.inf:
+            break
+        try:
+            solution = solve_about(problem, start, within, scale=scale)
+        except SolverError:
+            break
+        found.append((solution, proof_of(solution)))
+        start = solution.u
+    return min(found, key=_quality)
 
 
 def _is_flat(found: Sequence[_Proven]) -> bool:
@@ -354,9 +399,13 @@ def _is_flat(found: Sequence[_Proven]) -> bool:
     return len(solved) > 1 and min(solved) > _FLAT
 
 
-def _quality(pair: _Proven) -> tuple[bool, float]:
-    optimality = pair[1]
-    return optimality.violation > FEASIBILITY_TOLERANCE, optimality.gap
+def _quality(pair: _Proven) -> tuple[float, float]:
+    """Return by what a point is outside, if it is, and its gap: the less, the better.
+
+    The gap of a point outside says nothing about points inside.
+    """
+    outside, gap = pair[1].violation, pair[1].gap
+    return outside if outside > FEASIBILITY_TOLERANCE else 0.0, gap
 
 
 def _cost_of_rest(
@@ -426,75 +475,3 @@ def unexplained(
     equal = -domain.equalities.inverse.T @ rest
     refined = Multipliers(equal, duals.at_most, duals.blocks)
     return rest + domain.A_eq.T @ equal, refined
-
-
-class ConicOptimum(NamedTuple):
-    """``minimise 1/2 y.P y + q.y`` over rows, and a point with multipliers."""
-
-    rows: tuple[ConeRows, ...] | None
-    slope: Vector
-    y: Vector
-    duals: list[Vector]
-
-    def gap(self) -> float:
-        """Return the largest possible decrease of the objective in the ball."""
-        within = ball_about(self.y)
-        bound = lower_bound(self.slope, self.rows or (), self.duals, within)
-        return max(float(self.slope @ self.y) - bound, 0.0)
-
-    def violation(self) -> float:
-        """Return the distance of the point from the cones."""
-        return max((block.violation(self.y) for block in self.rows or ()), default=0.0)
-
-
-def conic_optimum(problem: Any) -> ConicOptimum:
-    """Solve by Clarabel, and assign the values of the problem's variables.
-
-    The result has no rows if the problem needs unsupported cones.
-    """
-    import cvxpy as cp
-
-    try:
-        options = dict(CLARABEL)
-        data, chain, inverse = problem.get_problem_data(
-            cp.CLARABEL, solver_opts=options
-        )
-        found = chain.solve_via_data(problem, data, solver_opts=options)
-        with warnings.catch_warnings():
-            # "Solution may be inaccurate": the proof shows it, with figures.
-            warnings.simplefilter("ignore", UserWarning)
-            problem.unpack_results(found, chain, inverse)
-    except (cp.error.SolverError, ValueError) as cause:
-        raise SolverError(f"CVXPY found no point: {cause}") from None
-    if "infeasible" in problem.status:
-        raise InfeasibleError(
-            "no parameters satisfy the package's constraints and your own together; "
-            "loosen your own; CVXPY does not name them"
-        )
-    y, z = np.asarray(found.x), np.asarray(found.z)
-    if problem.status not in ("optimal", "optimal_inaccurate"):
-        raise SolverError(
-            f"CVXPY ended {problem.status!r}; is the objective bounded from below?"
-        )
-    P = data.get("P")
-    slope = data["c"] if P is None else data["c"] + P @ y
-    rows = _cone_rows(data["A"].toarray(), data["b"], data["dims"])
-    ends = np.cumsum([len(block.b) for block in rows or ()])[:-1]
-    return ConicOptimum(rows, slope, y, np.split(z, ends))
-
-
-def _cone_rows(A: Matrix, b: Vector, dims: Any) -> tuple[ConeRows, ...] | None:
-    """Return CVXPY's rows, zero cone first; None if other cones are among them."""
-    kinds: list[tuple[ConeKind, int, tuple[int, ...]]] = [
-        ("zero", dims.zero, ()),
-        ("nonnegative", dims.nonneg, ()),
-        *(("second order", size, ()) for size in dims.soc),
-        ("semidefinite", sum(lengths(dims.psd)), tuple(dims.psd)),
-    ]
-    ends = np.cumsum([size for _, size, _ in kinds])
-    if ends[-1] != len(b):
-        return None
-    return tuple(
-        ConeRows(kind, A[end - size : end], b[end - size : end], orders)
-        for (kind, size, orders), end in zip(kinds, ends, strict=True)
-    )

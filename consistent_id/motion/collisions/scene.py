@@ -35,6 +35,9 @@ from consistent_id.robot.kinematics import (
 )
 from consistent_id.robot.model import RobotModel
 
+NEIGHBOURS = "neighbours, whose shapes overlap at their joint by design"
+"""Pairs of bodies that one joint connects, and why they are not checked."""
+
 
 @dataclass(frozen=True, slots=True)
 class Pair:
@@ -85,8 +88,8 @@ class Scene:
     swept : tuple of str
         Links that hang on joints which the robot model does not have; their bodies
         cover all positions of these joints.
-    adjacent : int
-        Pairs of the robot's bodies on links that one joint connects, not checked.
+    adjacent : tuple of (str, str)
+        Neighbours: the robot's bodies on links that one joint connects, not checked.
 
     Attributes
     ----------
@@ -100,11 +103,11 @@ class Scene:
     notes: tuple[PairNote, ...] = ()
     dropped: tuple[tuple[str, str], ...] = ()
     swept: tuple[str, ...] = ()
-    adjacent: int = 0
+    adjacent: tuple[tuple[str, str], ...] = ()
     carried: "CarriedBodies" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("bodies", "pairs", "notes", "dropped", "swept"):
+        for name in ("bodies", "pairs", "notes", "dropped", "swept", "adjacent"):
             freeze(self, **{name: tuple(getattr(self, name))})
         names = [body.name for body in self.bodies]
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -129,8 +132,8 @@ class Scene:
     def remarks(self) -> tuple[str, ...]:
         """Pairs that are not checked, with reasons, as sentences."""
         adjacent = (
-            f"{self.adjacent} pairs of bodies on links that one joint connects are "
-            f"not checked: shapes often overlap there"
+            f"{NEIGHBOURS}, are not checked; only the range of that joint keeps them "
+            f"apart: {'; '.join(' and '.join(names) for names in self.adjacent)}"
         )
         return (
             *([adjacent] if self.adjacent else []),
@@ -141,6 +144,14 @@ class Scene:
                 for name in self.swept
             ),
             *(f"link {name} is not checked: {why}" for name, why in self.dropped),
+        )
+
+    @property
+    def left_out(self) -> tuple[tuple[str, str, str], ...]:
+        """Pairs of bodies that are not checked: both names, and the reason."""
+        return (
+            *((*names, NEIGHBOURS) for names in self.adjacent),
+            *((n.first, n.second, n.reason) for n in self.notes if not n.watched),
         )
 
     @property

@@ -6,12 +6,18 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array
 from consistent_id._support.given_values import require_type, require_types
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.motion.collisions.bodies import Body, plane
+from consistent_id.motion.collisions.farthest import (
+    ROOM,
+    always_touching,
+    farthest_pose,
+    not_so_far_apart,
+    random_poses,
+)
 from consistent_id.motion.collisions.hanging import Hanging, file_tree, hanging_bodies
 from consistent_id.motion.collisions.scene import (
     Pair,
@@ -26,18 +32,11 @@ from consistent_id.motion.collisions.urdf_bodies import (
     UrdfShapes,
     urdf_shapes,
 )
-from consistent_id.robot.model import (
-    Joint,
-    JointLimits,
-    RobotModel,
-    limits_with_followers,
-)
+from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
 _ALWAYS = 0.95  # share of random poses; a pair that touches in more is not checked
 _USUALLY = 0.5  # share of poses; for pairs too near in more, only touching is checked
-_ROOM = 0.004  # [m]; beyond the required distances, for a pose that can be left
-_ANYWHERE = 1.0  # [m]; motion of a sliding joint without limits, either way
 
 Connected = Callable[[Body, Body], bool]
 
@@ -60,7 +59,8 @@ def build_scene(
     connects, and bodies of the robot that touch at nearly all random poses; these last
     are listed in `Scene.notes`.  If two bodies of the robot are nearer than required at
     more than half of these poses, only their contact is excluded.  The same is true of
-    an obstacle that is nearer than required at all of them.
+    an obstacle that is nearer than required at all of them.  A distance that was stated
+    (``relax=False``) is never relaxed.
 
     Parameters
     ----------
@@ -70,9 +70,8 @@ def build_scene(
     clearance : float, [m]
         Least distance of any two bodies.
     relax : bool
-        Whether two bodies of the robot that are nearer at most random poses only must
-        not touch.  Without, only those that are nearer at all of them: the distance was
-        stated, and motion has to be found that keeps it.
+        Whether two bodies that are nearer at most random poses only must not touch.
+        Without, the distance was stated: motion has to be found that keeps it.
     extra : mapping of str to float, optional, [m]
         Additional distance of a body, or of all bodies of a link, from all others: of a
         tool, for instance.
@@ -90,7 +89,9 @@ def build_scene(
     Raises
     ------
     ProblemError
-        If a name is unknown, or an obstacle touches the robot at every random pose.
+        If a name is unknown, or an obstacle touches the robot in every pose, or,
+        without `relax`, no pose keeps two bodies as far apart as required; with the
+        pose in which they are farthest apart, and their distance there.
     """
     require_type(robot, RobotModel, "robot")
     bodies = tuple(bodies)
@@ -161,7 +162,7 @@ def scene_from_urdf(
         If the file or a mesh cannot be read, or no shape is of a link of the robot.
     ProblemError
         If a name is unknown, or an obstacle, or a body that hangs on the robot, touches
-        it at every random pose.
+        it in every pose; or as `build_scene`, if a distance is not possible.
     """
     require_type(robot, RobotModel, "robot")
     path = Path(path)
@@ -231,21 +232,14 @@ def _without_bodies(
     """Return the error of a file without shapes of a robot's links."""
     if not shapes:
         return ModelError(
-            f"{path}: no link has a shape, expected <{elements}> elements; "
-            "build the scene by hand (build_scene), or design without a scene"
+            f"{path}: no link has a shape, expected <{elements}> elements; build the "
+            "scene by hand (build_scene, or `bodies` of [excitation.scene]), or design "
+            "without a scene (--no-collisions)"
         )
     return ModelError(
         f"{path}: {shapes} shapes, none of a link of robot {robot.name!r}; load the "
         "robot from the same file, or build the scene by hand"
     )
-
-
-def random_poses(robot: RobotModel, poses: int, seed: int) -> Array:
-    """Return poses within the joints' limits, shape (poses, joints), [rad or m]."""
-    limits = limits_with_followers(robot.joints)
-    spans = zip(robot.driven, limits, strict=True)
-    low, high = np.array([_range(joint, its) for joint, its in spans]).T
-    return np.random.default_rng(seed).uniform(low, high, (poses, len(robot)))
 
 
 def _has(robot: RobotModel, body: Body) -> bool:
@@ -254,14 +248,6 @@ def _has(robot: RobotModel, body: Body) -> bool:
     except ModelError:
         return False
     return True
-
-
-def _range(joint: Joint, limits: JointLimits) -> tuple[float, float]:
-    low, high = limits.lower, limits.upper
-    if np.isfinite([low, high]).all():
-        return low, high
-    reach = _ANYWHERE if joint.kind == "prismatic" else np.pi
-    return max(low, -reach), min(high, reach)
 
 
 def _movable(
@@ -277,48 +263,41 @@ def _movable(
             yield i, j
 
 
-def _adjacent(robot: RobotModel, bodies: tuple[Body, ...], connected: Connected) -> int:
-    """Return the number of pairs of the robot's bodies that one joint connects."""
+def _adjacent(
+    robot: RobotModel, bodies: tuple[Body, ...], connected: Connected
+) -> tuple[tuple[str, str], ...]:
+    """Return the names of the robot's bodies that one joint connects, pair by pair."""
     own = [(place_of(robot, b).link, b) for b in bodies if b.frame is not None]
-    return sum(
-        len(joints_between(robot, one, other)) == 1 and connected(first, second)
+    return tuple(
+        (first.name, second.name)
         for (one, first), (other, second) in combinations(own, 2)
+        if len(joints_between(robot, one, other)) == 1 and connected(first, second)
     )
 
 
-def _sifted(scene: Scene, q: ArrayLike, relax: bool) -> Scene:
-    """Leave out pairs that nearly always touch; relax those that are always near."""
+def _sifted(scene: Scene, q: Array, relax: bool) -> Scene:
+    """Leave out pairs that nearly always touch; relax those that are always near.
+
+    Unless `relax` is given, the distances were stated, and are refused where no pose
+    keeps them.
+    """
     largest = max(pair.wanted for pair in scene.pairs)
-    near = nearest(scene, q, within=largest + _ROOM)
+    distance = nearest(scene, q, within=largest + ROOM).distance
+    _require_possible(scene, q, distance, relax)
     pairs, kept, notes = [], [], list(scene.notes)
     for k, pair in enumerate(scene.pairs):
-        names, distance = scene.names(pair), near.distance[:, k]
-        touching = int(np.count_nonzero(distance <= 0.0))
-        obstacle = any(scene.bodies[b].frame is None for b in (pair.first, pair.second))
-        if touching > _ALWAYS * len(distance):
-            seen = f"they touch at {touching} of {len(distance)} random poses"
-            if obstacle and touching == len(distance):
-                deep = f"at least {1e3 * abs(distance.max()):.0f} mm deep"
-                raise ProblemError(
-                    f"scene: bodies {names[0]!r} and {names[1]!r}: {seen}, {deep}; "
-                    "move the obstacle (a floor: a lower --ground), or name the pair "
-                    "in `allowed`"
-                )
-            if not obstacle:
-                notes.append(PairNote(*names, False, seen))
-                continue
-        stated = not relax and not obstacle
-        least = pair.wanted + (_ROOM if stated else 0.0)
-        near_by = int(np.count_nonzero(distance < least))
-        strict = obstacle or stated
-        usual = len(distance) - 1 if strict else _USUALLY * len(distance)
-        if near_by > usual and pair.wanted > 0.0:
+        names, obstacle = scene.names(pair), _of_obstacle(scene, pair)
+        touching = int(np.count_nonzero(distance[:, k] <= 0.0))
+        if touching > _ALWAYS * len(q) and not obstacle:
+            seen = f"they touch at {touching} of {len(q)} random poses"
+            notes.append(PairNote(*names, False, seen))
+            continue
+        near_by = int(np.count_nonzero(distance[:, k] < pair.wanted))
+        usual = len(q) - 1 if obstacle else _USUALLY * len(q)
+        if relax and near_by > usual and pair.wanted > 0.0:
             seen = (
-                f"no random pose keeps them {pair.wanted * 1e3:.1f} mm apart, with "
-                "room to move"
-                if stated
-                else f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of "
-                f"{len(distance)} random poses"
+                f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of {len(q)} "
+                "random poses"
             )
             notes.append(PairNote(*names, True, f"{seen}; so only contact is excluded"))
             pair = Pair(pair.first, pair.second, 0.0)
@@ -327,7 +306,7 @@ def _sifted(scene: Scene, q: ArrayLike, relax: bool) -> Scene:
     sifted = replace(scene, pairs=tuple(pairs), notes=tuple(notes))
     if not relax:
         return sifted
-    distance = near.distance[:, kept]
+    distance = distance[:, kept]
     locked = _interlocked(sifted, distance)
     left = [k for k in range(len(sifted.pairs)) if k not in locked]
     sifted = replace(
@@ -338,13 +317,37 @@ def _sifted(scene: Scene, q: ArrayLike, relax: bool) -> Scene:
     return _with_room(sifted, distance[:, left])
 
 
+def _of_obstacle(scene: Scene, pair: Pair) -> bool:
+    return any(scene.bodies[k].frame is None for k in (pair.first, pair.second))
+
+
+def _require_possible(scene: Scene, q: Array, distance: Array, relax: bool) -> None:
+    """Refuse obstacles that always touch, and stated distances that no pose keeps."""
+    touching, lacking = [], []
+    for k, pair in enumerate(scene.pairs):
+        its, obstacle = distance[:, k], _of_obstacle(scene, pair)
+        always = np.count_nonzero(its <= 0.0) > _ALWAYS * len(q)
+        stated = not relax and pair.wanted > 0.0 and (obstacle or not always)
+        most = float(its.max())
+        if (obstacle and most <= 0.0) or (stated and most < pair.wanted + ROOM):
+            found = farthest_pose(scene, pair, q, its)
+            if obstacle and found.distance <= 0.0:
+                touching.append(found)
+            elif stated and found.impossible:
+                lacking.append(found)
+    if touching:
+        raise always_touching(scene, touching)
+    if lacking:
+        raise not_so_far_apart(scene, lacking)
+
+
 def _interlocked(scene: Scene, distance: Array) -> dict[int, PairNote]:
     """Return pairs that one coordinate moves, and that are never apart all together.
 
     The hulls of a gripper's linkage overlap at any opening, if not always the same.
     Those that overlap where fewest do are left out, so that there are clear poses.
     """
-    robot, touching = scene.robot, distance < _ROOM
+    robot, touching = scene.robot, distance < ROOM
     groups: dict[int, list[int]] = {}
     for k, pair in enumerate(scene.pairs):
         both = scene.bodies[pair.first], scene.bodies[pair.second]
@@ -361,7 +364,7 @@ def _interlocked(scene: Scene, distance: Array) -> dict[int, PairNote]:
         for i in np.flatnonzero(together[together.sum(axis=1).argmin()]):
             k = places[i]
             seen = (
-                f"nearer than {_ROOM * 1e3:.0f} mm at {int(touching[:, k].sum())} of "
+                f"nearer than {ROOM * 1e3:.0f} mm at {int(touching[:, k].sum())} of "
                 f"{len(touching)} random poses, and other pairs that the same joint "
                 "moves at all others"
             )
@@ -384,7 +387,7 @@ def _with_room(scene: Scene, distance: Array) -> Scene:
         ],
         dtype=bool,
     )
-    near = distance < wanted + _ROOM
+    near = distance < wanted + ROOM
     may = ~(near & ~own).any(axis=1) & (distance > 0.0).all(axis=1)
     if not len(scene.pairs) or not (near & own).any(axis=1).all() or not may.any():
         return scene
