@@ -50,7 +50,7 @@ def test_commands_were_found_on_each_page():
         "README.md": 4,
         "docs/start.md": 8,
         "docs/faq.md": 1,
-        "docs/for-agents.md": 6,
+        "docs/for-agents.md": 8,
         "docs/install.md": 1,
         "docs/ros2.md": 5,
     }
