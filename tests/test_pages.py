@@ -123,7 +123,7 @@ def test_a_stamp_replaces_that_of_the_command_before(tmp_path):
     page = tmp_path / "page.md"
     old = "`python benchmarks/table.py`{} and `python\nbenchmarks/slack.py --deep`.\n"
     page.write_text(old.format(" on 2026-01-02 (commit abcdef12)"))
-    stamp_page(page, "table.py", stamp())
+    stamp_page(page, "table.py", "", stamp())
     assert page.read_text() == old.format(stamp())
     assert stamp().startswith(f" on {date.today()} (commit ") and machine() in stamp()
     first, second = measurements(tmp_path)
