@@ -2,9 +2,10 @@
 
 ``python benchmarks/independent_collisions.py [ROBOT ...] [--scenes floor wall boxes]
 [--work UNITS] [--periodic] [--write PAGE]``: robots of `example-robot-data`, which
-comes with Pinocchio, each on a floor, beside a wall and between boxes, 20 mm apart.  Each line has
-the numbers of samples at 1 kHz, of pairs of bodies and of touches.  Motions begin and
-end at rest, or are periodic; then their run-in and run-out are checked, too.
+comes with Pinocchio, each on a floor, beside a wall and between boxes, 20 mm apart.
+Each line has the numbers of samples at 1 kHz, of pairs of bodies and of touches.
+Motions begin and end at rest, or are periodic; then their run-in and run-out are
+checked, too.
 
 Pinocchio reads the complete robot from its URDF, with all links and joints, and coal
 compares the meshes themselves, not hulls.  Joints that follow others are moved as the

@@ -1,11 +1,11 @@
 """Least squares and instrumental variables in a closed loop, over cut-offs.
 
-``python benchmarks/instruments.py [--draws N] [--write PAGE]`` takes a minute.
-A simulated arm of three joints, with viscous and dry friction, follows sines under feedforward and PD of a
-model that is 10 % off; encoders of 1e-4 rad, torque noise of 0.1 N m.  Instruments are
-the commanded motion, or that of the robot that least squares with a moderate cut-off
-identified, simulated in the same loop.  Where the model lacks dry friction, which is
-no noise, instruments do not help.
+``python benchmarks/instruments.py [--draws N] [--write PAGE]`` takes a minute. A
+simulated arm of three joints, with viscous and dry friction, follows sines under
+feedforward and PD of a model that is 10 % off; encoders of 1e-4 rad, torque noise of
+0.1 N m.  Instruments are the commanded motion, or that of the robot that least squares
+with a moderate cut-off identified, simulated in the same loop.  Where the model lacks
+dry friction, which is no noise, instruments do not help.
 """
 
 import argparse
