@@ -103,9 +103,7 @@ def test_a_command_that_prints_writes_between_its_own_marks(tmp_path):
         assert f"| {given[1]} |" in found.stdout  # printed, too
     shown = page.read_text()
     assert "old" not in shown
-    said = (
-        f'Measured by `python benchmarks/printing.py --first 1 --what "one word"`{{}}:'
-    )
+    said = 'Measured by `python benchmarks/printing.py --first 1 --what "one word"`{}:'
     assert f"{said.format(stamp())}\n\n```none\n1 logs\n```\n\n| a |" in shown
     assert "\n  | a |\n  |---|\n  | b |\n  <!-- printing first 2 what b: end" in shown
     last = subprocess.run(
