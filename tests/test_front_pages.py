@@ -137,6 +137,15 @@ def test_the_changelog_has_the_version_below_what_is_unreleased():
     assert f"\ndate-released: {day}\n" in citation
 
 
+def test_what_is_unreleased_can_be_read():
+    changes = (ROOT / "CHANGELOG.md").read_text()
+    above, *groups = re.split("^### .*$", changes.split("\n## ")[1], flags=re.M)
+    assert above == "Unreleased\n\n"
+    entries = [line for group in groups for line in group.splitlines() if line]
+    assert [line for line in entries if len(line) > 200] == []
+    assert len(entries) <= 150  # more cannot be read: lines about one thing are one
+
+
 def test_placeholders_of_addresses_stand_in_one_place():
     (root,) = {url.split("/consistent_id")[0] for url in PROJECT["urls"].values()}
     pages = [
