@@ -1,14 +1,15 @@
 """Every robot with data here, on one page: what each path reaches, and how surely.
 
-``python benchmarks/table.py [--robots FILE.toml] [--only NAME ...] [--write PAGE]``
+``python benchmarks/table.py [--robots FILE.toml] [--only NAME ...] [--resume FILE.jsonl]
+[--write PAGE]``
 
 The list is `robots.toml`; ``--robots`` takes one of your own, of the same form.  A
 robot with a problem file is worked through twice: as the file says (``file``), and
 from the model and the logs alone (``default``: what ``identify MODEL LOGS`` does).
 Estimates are judged by recordings that were not used to choose or fit anything.  The
 range beside an error is a 95 % interval from a jackknife over blocks of these
-recordings.  ``--write`` puts the table between the marks of a page.  Seconds are those
-of the processor.
+recordings.  ``--write`` puts the table between the marks of a page; with ``--resume``,
+rows are those of a file where they are there.  Seconds are those of the processor.
 """
 
 import argparse
@@ -17,15 +18,14 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from glob import glob
 from pathlib import Path
 from time import process_time
 from typing import Any
 
 import numpy as np
 from force_plates import least_error, person
+from kept_rows import Job, Kept, add_resume, files, inputs_of
 from pages import written_to
-from repair import EXAMPLES
 from scipy.stats import t as student
 from selection_bare import bare_draft, unseen
 
@@ -50,7 +50,7 @@ SHOWN = {
 HEADER = (
     *("robot", "path", "judged by", *SHOWN.values(), "recommended"),
     *("recommended less least squares", "", "expected, 80 % range"),
-    *("consistent links", "verdict", "CPU s"),
+    *("consistent links", "verdict", "CPU s", "measured"),
 )
 TORQUE, ROLLOUT, SERVO = "torque [%]", "rollout [mrad]", "position [mrad]"
 
@@ -231,7 +231,9 @@ def servo_row(entry: Mapping[str, Any], folder: Path) -> list[str]:
     ]
 
 
-def rows(entry: Mapping[str, Any], folder: Path) -> Iterator[list[str]]:
+def rows(
+    entry: Mapping[str, Any], folder: Path, _: list[list[str]]
+) -> Iterator[list[str]]:
     """Yield the rows of an entry of the list; a path that is refused says why."""
     name = entry["name"]
     if entry.get("servo"):
@@ -301,7 +303,7 @@ def refused(name: str, path: str, cause: Exception, began: float) -> list[str]:
     for variable in ("CONSISTENT_ID_DATASETS", "EXAMPLE_ROBOT_DATA"):
         if folder := os.environ.get(variable):
             said = said.replace(folder, f"${{{variable}}}")
-    cells = [f"refused: {said}", *["-"] * (len(HEADER) - 5)]
+    cells = [f"refused: {said}", *["-"] * (len(HEADER) - 6)]
     return [name, path, "-", *cells, f"{process_time() - began:.0f}"]
 
 
@@ -322,17 +324,6 @@ def without_file(problem: ci.Problem, base: str | None) -> Draft:
         gains=problem.gains,
         bodies="model",
     )
-
-
-def files(names: Sequence[str], folder: Path) -> list[Path]:
-    """Return the files that names, patterns and environment variables stand for."""
-    os.environ.setdefault("EXAMPLE_ROBOT_DATA", str(EXAMPLES))
-    found: list[Path] = []
-    for name in names:
-        path = str(folder / os.path.expandvars(name))
-        matching = sorted(glob(path)) if "*" in path else [path]
-        found += map(Path, matching)
-    return found
 
 
 def plates() -> str:
@@ -369,6 +360,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", type=Path, default=ROBOTS)
     parser.add_argument("--only", nargs="*", metavar="NAME", help="some of the list")
+    add_resume(parser)
     parser.add_argument("--write", type=Path, help="page with marks of the table")
     options = parser.parse_args()
     entries = tomllib.loads(options.robots.read_text())["robot"]
@@ -376,10 +368,13 @@ def main() -> None:
         entries = [entry for entry in entries if entry["name"] in options.only]
     folder, own = options.robots.parent, options.robots == ROBOTS
     used = used_problems(entries) if own else []
+    kept = Kept(options.resume)
     with written_to(options.write, "table", used):
         print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}", flush=True)
         for entry in entries:
-            for row in rows(entry, folder):
+            measure = partial(rows, entry, folder)
+            job = Job(entry["name"], "table", inputs_of(entry, folder), measure)
+            for row in kept.done(job)[0]:
                 print(f"| {' | '.join(row)} |", flush=True)
         if own and not options.only:
             print(f"\n{plates()}")

@@ -21,15 +21,13 @@ of others those of the fit.
 """
 
 import argparse
-import hashlib
 import json
-import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import redirect_stdout
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,7 +36,8 @@ from typing import Any
 
 import numpy as np
 import servos
-from pages import digest, stamp, written_to
+from kept_rows import Job, Kept, add_resume, inputs_of
+from pages import written_to
 from table import (
     ROBOTS,
     Interval,
@@ -302,24 +301,6 @@ def of_servos(entry: Mapping[str, Any], folder: Path) -> Iterator[list[str]]:
         yield row(entry["name"], "position [mrad]", tool, *figures)
 
 
-@dataclass(frozen=True)
-class Job:
-    """What a tool does with a robot.
-
-    Parameters
-    ----------
-    inputs : str
-        Digest of the files and settings that its rows depend on.
-    rows : callable
-        Yields the rows; those of the same columns go to its argument.
-    """
-
-    robot: str
-    tool: str
-    inputs: str
-    rows: Callable[[list[list[str]]], Iterable[list[str]]]
-
-
 def jobs(
     entries: Sequence[Mapping[str, Any]], folder: Path, figaroh: str | None
 ) -> Iterator[Job]:
@@ -369,51 +350,6 @@ def problem_of_entry(entry: Mapping[str, Any], folder: Path) -> ci.Problem:
     return draft_of_entry(entry, folder).problem()
 
 
-def inputs_of(entry: Mapping[str, Any], folder: Path) -> str:
-    """Return a digest of an entry, of its problem file or of its files."""
-    whole = hashlib.sha256(json.dumps(entry, sort_keys=True).encode())
-    if "problem" in entry:
-        whole.update(digest(entry["problem"], folder).encode())
-    else:
-        named = [entry["robot"], *entry["logs"], *entry.get("validate", ())]
-        for file in files(named, folder):
-            whole.update(file.read_bytes())
-    return whole.hexdigest()[:12]
-
-
-@dataclass(frozen=True)
-class Kept:
-    """Rows that were measured before, in a file with a JSON object on each line."""
-
-    file: Path | None
-
-    def found(self, job: Job) -> tuple[list[list[str]], list[list[str]]] | None:
-        """Return the rows of a job and those of the same columns, if it was done."""
-        if self.file is None or not self.file.exists():
-            return None
-        key = [job.robot, job.tool, job.inputs]
-        for line in reversed(self.file.read_text().splitlines()):
-            record = json.loads(line)
-            if record["job"] == key:
-                return record["rows"], record["alike"]
-        return None
-
-    def done(self, job: Job) -> tuple[list[list[str]], list[list[str]]]:
-        """Return the same, measured if it was not."""
-        if (found := self.found(job)) is not None:
-            return found
-        alike: list[list[str]] = []
-        rows = list(job.rows(alike))
-        when = re.sub(r"^ on (\S+) \(commit (\S+);.*", r"\1, \2", stamp())
-        rows, alike = ([[*cells, when] for cells in some] for some in (rows, alike))
-        if self.file is not None:
-            record = {"job": [job.robot, job.tool, job.inputs]}
-            record |= {"rows": rows, "alike": alike}
-            with self.file.open("a") as out:
-                out.write(f"{json.dumps(record)}\n")
-        return rows, alike
-
-
 def show(header: Sequence[str]) -> None:
     """Print the head of a table."""
     print(f"| {' | '.join(header)} |")
@@ -426,7 +362,7 @@ def main() -> None:
     parser.add_argument("--figaroh", help="Python that has FIGAROH, see peers/")
     parser.add_argument("--robots", type=Path, default=ROBOTS, help="a list of yours")
     parser.add_argument("--only", nargs="*", metavar="ROBOT", help="some of the list")
-    parser.add_argument("--resume", type=Path, help="file that keeps measured rows")
+    add_resume(parser)
     parser.add_argument("--write", type=Path, help="page with marks of the table")
     options = parser.parse_args()
     entries = tomllib.loads(options.robots.read_text())["robot"]

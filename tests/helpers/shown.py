@@ -118,10 +118,11 @@ def assert_reached(place, *values):
 
 
 def is_shown(kind):
-    """Whether a type is a value of the package."""
+    """Whether a type is a value of the package; a private one is shown by none."""
     home = str(getattr(kind, "__module__", ""))
     value = is_dataclass(kind) or (issubclass(kind, tuple) and hasattr(kind, "_fields"))
-    return home.startswith("consistent_id.") and value
+    private = str(getattr(kind, "__name__", "_")).startswith("_")
+    return home.startswith("consistent_id.") and value and not private
 
 
 def assert_shown(values, public=()):
