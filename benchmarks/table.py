@@ -1,6 +1,6 @@
 """Every robot with data here, on one page: what each path reaches, and how surely.
 
-``python benchmarks/table.py [--robots FILE.toml] [--only NAME ...] [--resume FILE.jsonl]
+``python benchmarks/table.py [--robots FILE.toml] [--only NAME ...] [--resume FILE]
 [--write PAGE]``
 
 The list is `robots.toml`; ``--robots`` takes one of your own, of the same form.  A
