@@ -141,7 +141,7 @@ def by_hand():
     yield estimation.EndogeneityTest(1.0, 3, 200.0, 0.5)
     yield estimation.JointSprings(many, large[0], large[0], 0.8)
     rod = ci.InertialParameters.from_central(1.0, (0, 0, 0), np.eye(3))
-    yield ci.service.LoadQuantities("tcp", rod, np.zeros(3), np.ones(3))
+    yield ci.service.LoadQuantities("tcp", rod, np.zeros(10), np.ones(10))
     feet, late = estimation.ContactRadius(1e-3, 1e-4), estimation.TorqueDelay(0.1, 0.01)
     yield estimation.RadiusAndDelay(feet, late, np.eye(2))
 
