@@ -1,11 +1,11 @@
 """Verdicts on clean simulated logs of published arms: none is faulty.
 
-``python benchmarks/clean_simulations.py --seeds 0-29 [--folder FOLDER]``: a
-seed is an arm, its friction, rotors and noise, and a motion, all drawn at random; of
-nine arms, or of twenty from seed 10000 on; from 20000 on the arms move from pose to
-pose and stop there, before that along Fourier series.  A problem is drafted of its log,
-and looked through as ``consistent-id check`` does; of an accused log the verdict is
-shown as well.  In `--folder` logs and problems are kept for the next run.
+``python benchmarks/clean_simulations.py --seeds 0-29 [--folder FOLDER] [--write
+PAGE]``: a seed is an arm, its friction, rotors and noise, and a motion, all drawn at
+random; of nine arms, or of twenty from seed 10000 on; from 20000 on the arms move from
+pose to pose and stop there, before that along Fourier series.  A problem is drafted of
+its log, and looked through as ``consistent-id check`` does; of an accused log the
+verdict is shown as well.  In `--folder` logs and problems are kept for the next run.
 """
 
 import argparse
@@ -18,6 +18,7 @@ from time import process_time
 
 import numpy as np
 from faults_robots import Motion
+from pages import add_write, shown_on
 from point_to_point import PointToPoint, drawn_moves
 from repair import EXAMPLES
 from threadpoolctl import threadpool_limits
@@ -241,7 +242,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--seeds", type=seeds, default=seeds("0-29"))
     parser.add_argument("--folder", type=Path, help="where logs and problems are kept")
+    add_write(parser)
     options = parser.parse_args()
+    with shown_on(options.write):
+        accused = report(options)
+    sys.exit(accused > 0)
+
+
+def report(options: argparse.Namespace) -> int:
+    """Print the logs that are accused; return how many are.  Others go to stderr."""
     accused = 0
     with tempfile.TemporaryDirectory() as temporary, threadpool_limits(1):
         folder = options.folder or Path(temporary)
@@ -258,13 +267,15 @@ def main() -> None:
                 word += f", {verdict.word}"
                 if verdict.held_out is not None:  # nothing may be held out
                     word += f", held-out error {verdict.held_out:.1%}"
-            print(f"{log.stem}: {len(found)} findings, {word}", flush=True)
+            told = sys.stdout if found else sys.stderr
+            line = f"{log.stem}: {len(found)} findings, {word}"
+            print(line, file=told, flush=True)
             for f in found:
                 print(
                     f"  {f.severity} {f.kind}, {f.recording}, {f.where}: {f.statement}"
                 )
     print(f"accused: {accused} of {len(options.seeds)}")
-    sys.exit(accused > 0)
+    return accused
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
 """How often the test of consistency rejects constraints: size, and power.
 
 ``python benchmarks/consistency_size.py [--replicates N] [--duration S] [--cases ...]
-[--kinds ...]`` makes logs of robots on the boundary of their constraints.  The level of
-the noise is estimated from each log.  Twelve friction terms are zero, or all links are
-points of known mass.  A test with a nominal 5 % should reject 5 % of them.  The second
-figure of each row is for a robot that is beyond the boundary, one parameter by some
-standard deviations of its least-squares estimate.  The third is that of an ideal test
-of friction terms, which is told the covariance of least squares: nothing is estimated
-but the parameters.
+[--kinds ...] [--write PAGE]`` makes logs of robots on the boundary of their
+constraints.  The level of the noise is estimated from each log.  Twelve friction terms
+are zero, or all links are points of known mass.  A test with a nominal 5 % should
+reject 5 % of them.  The second figure of each row is for a robot that is beyond the
+boundary, one parameter by some standard deviations of its least-squares estimate.  The
+third is that of an ideal test of friction terms, which is told the covariance of least
+squares: nothing is estimated but the parameters.
 """
 
 import argparse
@@ -21,6 +21,7 @@ from scipy.optimize import nnls
 sys.path.insert(0, str(Path(__file__).parent))
 import coverage_arm
 import coverage_methods
+from pages import add_write, shown_on
 
 import consistent_id as ci
 from consistent_id.comparison.consistency_test import consistency_test
@@ -133,7 +134,14 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=10.0, help="of a log, in s")
     parser.add_argument("--cases", nargs="+", choices=CASES, default=CASES)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
+    add_write(parser)
     given = parser.parse_args()
+    with shown_on(given.write):
+        report(given)
+
+
+def report(given: argparse.Namespace) -> None:
+    """Print the table."""
     coverage_arm.DURATION = given.duration
     print(
         f"| boundary | noise | size | power at {BEYOND:g} deviations | ideal |\n"

@@ -1,6 +1,6 @@
 """How often robots of a fleet are named wrongly as outliers, and rightly.
 
-``python benchmarks/fleet_outliers.py [--fleets 100]``
+``python benchmarks/fleet_outliers.py [--fleets 100] [--write PAGE]``
 
 Robots of 12 shared parameters differ along three directions, by no more than noise
 (scatter 0), somewhat more, or much more than noise.  One robot in each second fleet
@@ -10,6 +10,7 @@ differs ten times as much.  From here comes `LEVEL` in ``fleet/fleet_result.py``
 import argparse
 
 import numpy as np
+from pages import add_write, shown_on
 
 from consistent_id.fleet.fleet_result import LEVEL, find_outliers
 
@@ -43,17 +44,24 @@ def shares(robots: int, scatter: float, fleets: int) -> tuple[float, float]:
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--fleets", type=int, default=100)
-    fleets = options.parse_args().fleets
-    print(f"level {LEVEL:g}, {fleets} fleets each")
-    print("robots  scatter  fleets with a false name  outliers named")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--fleets", type=int, default=100)
+    add_write(parser)
+    options = parser.parse_args()
+    with shown_on(options.write):
+        report(options.fleets)
+
+
+def report(fleets: int) -> None:
+    """Print the table."""
+    print(f"level {LEVEL:g}, {fleets} fleets in each row")
+    print("| robots | scatter | fleets with a false name | outliers named |")
+    print("|---:|---:|---:|---:|")
     for robots in (4, 5, 8, 12, 30, 100):
         for scatter in (0.0, 0.1, 1.0):
             false, right = shares(robots, scatter, fleets)
-            print(
-                f"{robots:<6}  {scatter:<7g}  {false:24.1%}  {right:14.0%}", flush=True
-            )
+            row = f"{robots} | {scatter:g} | {100 * false:.0f} % | {100 * right:.0f} %"
+            print(f"| {row} |", flush=True)
 
 
 if __name__ == "__main__":

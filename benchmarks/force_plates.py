@@ -37,8 +37,12 @@ class Person(NamedTuple):
 
     def error(self, x: np.ndarray) -> float:
         """Weighted squared error of parameters, from all rows."""
+        return float(self.squares(x).sum())
+
+    def squares(self, x: np.ndarray) -> np.ndarray:
+        """Return the same of each sample."""
         residual = (self.regressor @ x - self.measured) / self.sigma
-        return float(np.sum(residual**2))
+        return np.asarray(np.sum(residual**2, axis=1))
 
 
 def person(folder: Path) -> Person:

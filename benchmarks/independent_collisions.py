@@ -1,10 +1,11 @@
 """Designed motions among bodies, checked for collisions by code that shares none.
 
 ``python benchmarks/independent_collisions.py [ROBOT ...] [--scenes floor wall boxes]
-[--work UNITS] [--periodic]``: robots of `example-robot-data`, which comes with
-Pinocchio, each on a floor, beside a wall and between boxes, 20 mm apart.  Each line has
-the numbers of samples at 1 kHz, of pairs of bodies and of touches.  Motions begin and
-end at rest, or are periodic; then their run-in and run-out are checked, too.
+[--work UNITS] [--periodic] [--write PAGE]``: robots of `example-robot-data`, which
+comes with Pinocchio, each on a floor, beside a wall and between boxes, 20 mm apart.
+Each line has the numbers of samples at 1 kHz, of pairs of bodies and of touches.
+Motions begin and end at rest, or are periodic; then their run-in and run-out are
+checked, too.
 
 Pinocchio reads the complete robot from its URDF, with all links and joints, and coal
 compares the meshes themselves, not hulls.  Joints that follow others are moved as the
@@ -26,6 +27,7 @@ from xml.etree import ElementTree
 import coal
 import numpy as np
 import pinocchio as pin
+from pages import add_write, shown_on
 
 from consistent_id._support.run import current_run, running
 
@@ -356,9 +358,10 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", default=scenes, choices=scenes)
     parser.add_argument("--work", type=float, default=3.0)
     parser.add_argument("--periodic", action="store_true")
+    add_write(parser)
     asked = parser.parse_args()
     logging.disable(logging.WARNING)
-    with running(replace(current_run(), trust=True)):
+    with running(replace(current_run(), trust=True)), shown_on(asked.write):
         report(asked.robots, asked.scenes, asked.work, rest=not asked.periodic)
 
 

@@ -1,16 +1,17 @@
 """Least squares and instrumental variables in a closed loop, over cut-offs.
 
-``python benchmarks/instruments.py [--draws N]`` takes a minute.  A simulated arm of
-three joints, with viscous and dry friction, follows sines under feedforward and PD of a
-model that is 10 % off; encoders of 1e-4 rad, torque noise of 0.1 N m.  Instruments are
-the commanded motion, or that of the robot that least squares with a moderate cut-off
-identified, simulated in the same loop.  Where the model lacks dry friction, which is
-no noise, instruments do not help.
+``python benchmarks/instruments.py [--draws N] [--write PAGE]`` takes a minute. A
+simulated arm of three joints, with viscous and dry friction, follows sines under
+feedforward and PD of a model that is 10 % off; encoders of 1e-4 rad, torque noise of
+0.1 N m.  Instruments are the commanded motion, or that of the robot that least squares
+with a moderate cut-off identified, simulated in the same loop.  Where the model lacks
+dry friction, which is no noise, instruments do not help.
 """
 
 import argparse
 
 import numpy as np
+from pages import add_write, shown_on
 
 import consistent_id as ci
 from consistent_id.diagnosis.coverage import column_noise
@@ -54,17 +55,30 @@ BASE = ci.regression.base_parameters(TRUE.model)
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=5, help="of the torque's noise")
-    draws = parser.parse_args().draws
+    add_write(parser)
+    options = parser.parse_args()
+    with shown_on(options.write):
+        report(options.draws)
+
+
+HEADER = (
+    *("cut-off", "least squares", "its error as predicted", "commanded as instruments"),
+    *("simulated as instruments", "p", "without dry friction: least squares"),
+    "instruments",
+)
+
+
+def report(draws: int) -> None:
+    """Print the table: errors of torque without noise, median over draws."""
     loop = controlled(TRUE, CONTROLLER, Encoders(STEP), WANTED)
-    print("error of torque without noise [%], median over draws, and the largest p;")
-    print("without dry friction, both ways, at the end; p is of Durbin, Wu and Hausman")
-    print("cut-off  WLS  predicted  IV commanded  IV simulated  p  | WLS  IV")
+    print(f"| {' | '.join(HEADER)} |\n|{'---:|' * len(HEADER)}", flush=True)
     for cutoff in CUTOFFS:
         rows = np.array([_errors(loop, cutoff, seed) for seed in range(draws)])
         middle, p = np.median(rows[:, :-1], axis=0), rows[:, -1].max()
         *good, wls, iv = middle
-        told = "  ".join(f"{value:.3f}" for value in good)
-        print(f"{cutoff:5.0f} Hz  {told}  {p:.2g}  | {wls:.2f}  {iv:.2f}")
+        told = " | ".join(f"{value:.3f} %" for value in good)
+        row = f"{cutoff:.0f} Hz | {told} | {p:.2g} | {wls:.2f} % | {iv:.2f} %"
+        print(f"| {row} |", flush=True)
 
 
 def _errors(loop, cutoff: float, seed: int) -> list[float]:

@@ -1,13 +1,13 @@
 """Whether odd torque leads to foreign errors, warnings, or needless doubt.
 
-``python benchmarks/odd_torque.py [--problems 1000] [--first 1] [--minutes 10]
-[--small]`` prints a table for ``docs/certificates.md``.  It takes the random robots and
-motions of ``robustness.py``, with ``--small`` of up to 4 joints and 200 samples; their
-torque is reversed, of another robot's motion, noise, constant, tiny or huge.  Where an
-optimum is not proven, CVXPY with Clarabel and SCS solve the same problem anew;
-agreement to 1e-5 of the objective means that the doubt was needless.  Where the
-estimate itself violates constraints by more than a certificate allows, it is no
-optimum, and the doubt is right.
+``python benchmarks/odd_torque.py [--problems 1000] [--first 1] [--minutes 10] [--small]
+[--write PAGE]`` prints the table of ``docs/certificates.md``.  It takes the random
+robots and motions of ``robustness.py``, with ``--small`` of up to 4 joints and 200
+samples; their torque is reversed, of another robot's motion, noise, constant, tiny or
+huge.  Where an optimum is not proven, CVXPY with Clarabel and SCS solve the same
+problem anew; agreement to 1e-5 of the objective means that the doubt was needless.
+Where the estimate itself violates constraints by more than a certificate allows, it is
+no optimum, and the doubt is right.
 """
 
 import argparse
@@ -19,6 +19,7 @@ from pathlib import Path
 from time import monotonic
 
 import numpy as np
+from pages import add_write, shown_on
 from robustness import Case, case
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
@@ -170,7 +171,14 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1, help="seed of the first")
     parser.add_argument("--small", action="store_true", help="4 joints, 200 samples")
     parser.add_argument("--minutes", type=float, default=np.inf, help="end after these")
+    add_write(parser)
     options = parser.parse_args()
+    with shown_on(options.write):
+        report(options)
+
+
+def report(options: argparse.Namespace) -> None:
+    """Print the table."""
     outcomes = []
     seeds = range(options.first, options.first + options.problems)
     end = monotonic() + 60.0 * options.minutes
@@ -180,7 +188,7 @@ def main() -> None:
                 break
             outcomes.append(outcome := run(seed, small=options.small))
             if outcome.verdict != "certified" or outcome.warned:
-                tqdm.write(str(outcome))
+                tqdm.write(str(outcome), file=sys.stderr)
     print(table(outcomes))
 
 

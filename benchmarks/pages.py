@@ -6,9 +6,15 @@
 
 After a command, a page states the day, the commit and the machine, and a digest of each
 problem file that the command used.  `tests/test_pages.py` fails where a problem file is
-no longer the one of the page, and where a command has no stamp.  Stamps without a
-machine are older than this rule: their commit is the one that brought the figures.
-Some commands print what is put into the page by hand; the list says which.
+no longer the one of the page, and where a command has no stamp.  Stamps with "machine
+not noted" are older than this rule: their commit is the one that brought the figures.
+A few commands print figures that stand in sentences; the list says which, and the test
+why.
+
+A command that prints writes a page, too, with `add_write` and `shown_on`: on the page,
+its place is between marks that have the command's name and arguments without dashes,
+`<!-- servos seed 0: begin -->` and `<!-- servos seed 0: end -->`.  So a page may have
+several commands, and a command several places.
 """
 
 import argparse
@@ -22,11 +28,13 @@ import shlex
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, redirect_stdout
 from dataclasses import dataclass
 from datetime import date
+from itertools import groupby
 from pathlib import Path
+from textwrap import indent
 
 ROOT = Path(__file__).parent.parent
 DOCS, PROBLEMS = ROOT / "docs", ROOT / "problems"
@@ -101,7 +109,10 @@ class Measurement:
     @property
     def writes(self) -> bool:
         """Whether the command writes the page."""
-        return "--write" in self._text()
+        if "add_write(" not in self._text():
+            return "--write" in self._text()
+        words = shlex.split(self.arguments)
+        return _marks(mark_of(self.script, words))[0] in self.page.read_text()
 
     def _text(self) -> str:
         return (ROOT / "benchmarks" / self.script).read_text()
@@ -140,11 +151,11 @@ def measurements(docs: Path = DOCS) -> tuple[Measurement, ...]:
     return tuple(found.values())
 
 
-def stamp_page(page: Path, script: str, said: str) -> None:
-    """State day, commit and machine after each mention of a script's command."""
+def stamp_page(page: Path, script: str, arguments: str, said: str) -> None:
+    """State day, commit and machine after each mention of a command."""
 
     def stamped(match: re.Match[str]) -> str:
-        if match[1] != script or _own(match[2]) in NO_MEASUREMENT:
+        if (match[1], _own(match[2])) != (script, arguments):
             return match[0]
         return match[0].removesuffix(match[3] or "") + said
 
@@ -179,11 +190,23 @@ def digest(problem: str, folder: Path = PROBLEMS) -> str:
 
 @contextmanager
 def written_to(
-    page: Path | None, name: str, problems: Sequence[str] = ()
+    page: Path | None,
+    name: str,
+    problems: Sequence[str] = (),
+    *,
+    script: str | None = None,
+    form: Callable[[str], str] = str.strip,
 ) -> Iterator[None]:
     """Put what is printed inside also between the marks of a page, if there is one.
 
     The page says which command measured it, when, and with which problem files.
+
+    Parameters
+    ----------
+    script : str, optional
+        See `measured`.
+    form : callable
+        From what was printed to what the page shows.
 
     Raises
     ------
@@ -198,8 +221,67 @@ def written_to(
     with redirect_stdout(printed):
         yield
     before, after = _between(page.read_text(), name, page)
-    said = f"{measured(problems)}:"
-    page.write_text(f"{before}{said}\n\n{printed.getvalue().strip()}\n{after}")
+    said = f"{measured(problems, script=script)}:"
+    *_, above = before.removesuffix("\n").rpartition("\n")
+    text = f"{said}\n\n{form(printed.getvalue())}\n"
+    shown = indent(text, " " * (len(above) - len(above.lstrip())))
+    page.write_text(f"{before}{shown}{after}")
+
+
+def add_write(parser: argparse.ArgumentParser) -> None:
+    """Give a command the option `--write`, for `shown_on`."""
+    text = "put what is printed between this command's marks of a page"
+    parser.add_argument("--write", type=Path, metavar="PAGE", help=text)
+
+
+def shown_on(
+    page: Path | None, problems: Sequence[str] = ()
+) -> AbstractContextManager[None]:
+    """Put what the running command prints on a page, see `written_to` and `mark_of`.
+
+    Tables stay tables; other lines are shown as they are printed.
+    """
+    script, words = Path(sys.argv[0]).name, _given(sys.argv[1:])
+    named = mark_of(script, words)
+    said = " ".join([script, *map(_quoted, words)])
+    return written_to(page, named, problems, script=said, form=_as_markdown)
+
+
+def mark_of(script: str, words: Sequence[str]) -> str:
+    """Return the name of the marks of a command.
+
+    Examples
+    --------
+    >>> mark_of("servos.py", ["--seed", "0", "--held-out", "kp100"])
+    'servos seed 0 held-out kp100'
+    """
+    bare = (word.lstrip("-") for word in words)
+    return " ".join([script.removesuffix(".py"), *bare])
+
+
+def _given(words: Sequence[str]) -> list[str]:
+    """Return arguments without the page to write."""
+    found = list(words)
+    if "--write" in found:
+        place = found.index("--write")
+        del found[place : place + 2]
+    return found
+
+
+def _quoted(word: str) -> str:
+    """Return an argument as a page shows it."""
+    return f'"{word}"' if " " in word else word
+
+
+def _as_markdown(printed: str) -> str:
+    """Return printed lines as Markdown: tables as tables, the others as text."""
+    parts = []
+    lines = [line.rstrip() for line in printed.strip("\n").splitlines()]
+    for table, some in groupby(lines, lambda line: line.startswith("|")):
+        text = "\n".join(some).strip("\n")
+        if text:
+            parts.append(text if table else f"```none\n{text}\n```")
+    return "\n\n".join(parts)
 
 
 class _Both(io.StringIO):
@@ -211,14 +293,20 @@ class _Both(io.StringIO):
         return super().write(text)
 
 
+def _marks(name: str) -> tuple[str, str]:
+    """Return what stands before and after what a command writes."""
+    return f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->"
+
+
 def _between(text: str, name: str, page: Path) -> tuple[str, str]:
-    """Return what stands before and after a table, marks included."""
-    begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->"
+    """Return what stands before and after a table, marks and indents included."""
+    begin, end = _marks(name)
     before, found, rest = text.partition(begin)
-    _, closed, after = rest.partition(end)
+    inside, closed, after = rest.partition(end)
     if not (found and closed):
         raise ValueError(f"{page}: no marks {begin.strip()} and {end}")
-    return before + begin, end + after
+    *_, left = inside.rpartition("\n")
+    return before + begin, left + end + after
 
 
 def main() -> None:
@@ -242,7 +330,7 @@ def main() -> None:
         print(shlex.join(one.words()), flush=True)
         subprocess.run(one.words(), check=True)
         if one.writes:
-            stamp_page(one.page, one.script, said)
+            stamp_page(one.page, one.script, one.arguments, said)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """The trunk of a robot on its feet, from simulated logs without force sensors.
 
-    python benchmarks/quadruped.py --robot humanoid --logs 3
+    python benchmarks/quadruped.py --robot humanoid --logs 3 [--write PAGE]
 
 MuJoCo simulates the robot on the ground, its trunk swaying, with contact, friction and
 noise; on the trunk is a box that the model does not know.  Of the other bodies and of
@@ -13,6 +13,7 @@ file and logs instead.  The quadruped's description is in CONSISTENT_ID_DATASETS
 """
 
 import argparse
+import sys
 from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
@@ -20,6 +21,7 @@ from time import process_time
 from typing import NamedTuple
 
 import numpy as np
+from pages import add_write, shown_on
 from standing_problem import write_problem
 from standing_robots import ROBOTS, StandingRobot
 from standing_simulation import SECONDS, RobotFellError, prepared, simulated
@@ -137,7 +139,7 @@ def told(
     log: ci.Recording,
     constraints: Sequence[Constraint],
     robot: StandingRobot,
-) -> str:
+) -> list[str]:
     """Say how many rows a log has, and how far off the trunk is."""
     started = process_time()
     regression = ci.regression.contact_free_regression(model, log)
@@ -146,11 +148,15 @@ def told(
         model, regression, constraints=constraints, base=base
     )
     errors = trunk_errors(found.links[robot.number], robot)
-    return (
-        f"{regression.counts[0]} rows, {found.certificate.verdict}, {errors}, "
-        f"misfit {found.fit.misfit:.2%}, "
-        f"{process_time() - started:.2f} CPU s"
-    )
+    return [
+        str(regression.counts[0]),
+        found.certificate.verdict,
+        f"{errors.mass:+.2%}",
+        f"{1e3 * errors.apart:.2f} mm",
+        ", ".join(f"{m:+.1%}" for m in errors.moments),
+        f"{found.fit.misfit:.2%}",
+        f"{process_time() - started:.2f}",
+    ]
 
 
 def options_given() -> argparse.Namespace:
@@ -168,6 +174,7 @@ def options_given() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of each log")
     parser.add_argument("--problem", type=Path, help="folder for a problem file")
     parser.add_argument("--unknown", action="store_true", help="nothing known, too")
+    add_write(parser)
     return parser.parse_args()
 
 
@@ -177,18 +184,30 @@ def main() -> None:
     if options.problem is not None:
         print(f"written: {write_problem(options.problem, robot)}")
         return
+    with shown_on(options.write):
+        report(options, robot)
+
+
+HEADER = (
+    *("log", "samples", "dry friction", "rows used", "number", "optimum"),
+    *("mass", "centre", "moments", "misfit", "CPU s"),
+)
+
+
+def report(options: argparse.Namespace, robot: StandingRobot) -> None:
+    """Print the table of the trunk's errors."""
     model = ci.regression.contact_free_model(ci.TorqueModel(robot.nominal, DRIVE))
     known = [*SIGNS, ci.constraints.FixedParameters(robot.known())]
     print(f"{len(model.layout)} parameters, {6 + len(robot.nominal)} rows a sample")
+    print(f"| {' | '.join(HEADER)} |\n{'|---' * len(HEADER)}|", flush=True)
     seeds = range(options.first, options.first + options.logs)
     for seed, dry in product(seeds, (False, True)):
         try:
             raw = simulated(robot, seed, options.seconds, dry_friction=dry)
         except RobotFellError as error:
-            print(error)
+            print(error, file=sys.stderr)
             continue
         log, cutoff = prepared(raw, robot.cutoff), robot.cutoff
-        print(f"log {seed}, {len(log)} samples, dry friction in the joints: {dry}")
         if options.guards is not None:
             cases = list(guarded(log, cutoff, options.guards))
         elif options.reaches is not None:
@@ -196,10 +215,13 @@ def main() -> None:
         else:
             slow = left_out(model, log, known, cutoff, options.rests)
             cases = [("all rows", log), *slow]
-        for label, used in cases:
-            print(f"  {label}: {told(model, used, known, robot)}", flush=True)
+        used = [(label, rows, known) for label, rows in cases]
         if options.unknown:
-            print(f"  nothing known: {told(model, log, SIGNS, robot)}", flush=True)
+            used.append(("nothing known", log, SIGNS))
+        for label, rows, constraints in used:
+            cells = told(model, rows, constraints, robot)
+            about = (str(seed), str(len(log)), "yes" if dry else "no", label)
+            print(f"| {' | '.join((*about, *cells))} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -8,14 +8,17 @@ hold: by noise as correlated as the residuals are; by the standard errors of
 `uncertainty`; and among all consistent robots.
 
     python benchmarks/quadruped_intervals.py --robot quadruped --logs 8 --first 200
+        [--write PAGE]
 """
 
 import argparse
+import sys
 from time import process_time
 from typing import NamedTuple
 
 import numpy as np
 import quadruped
+from pages import add_write, shown_on
 from standing_robots import ROBOTS, StandingRobot
 from standing_simulation import RobotFellError, prepared, simulated
 
@@ -99,28 +102,42 @@ def main() -> None:
     parser.add_argument("--logs", type=int, default=8, help="simulated, each its seed")
     parser.add_argument("--first", type=int, default=200, help="seed of the first")
     parser.add_argument("--without-friction", action="store_true", help="no dry one")
+    add_write(parser)
     options = parser.parse_args()
+    with shown_on(options.write):
+        report(options)
+
+
+HEADER = (
+    *("log", "noise alone", "`uncertainty`", "consistent robots"),
+    *("farthest, in standard errors", "errors", "rests, feet", "CPU s"),
+)
+
+
+def report(options: argparse.Namespace) -> None:
+    """Print the table, and its sums."""
     robot = ROBOTS[options.robot]()
     model = ci.TorqueModel(robot.nominal, quadruped.DRIVE)
     constraints = [*quadruped.SIGNS, ci.constraints.FixedParameters(robot.known())]
-    print("log | by noise | uncertainty | consistent robots | farthest, errors")
+    print(f"| {' | '.join(HEADER)} |\n{'|---' * len(HEADER)}|", flush=True)
     totals, logs = np.zeros(3, dtype=int), 0
     for seed in range(options.first, options.first + options.logs):
         started = process_time()
         try:
             raw = simulated(robot, seed, dry_friction=not options.without_friction)
         except RobotFellError as error:
-            print(f"{seed} | {error}")
+            print(f"{seed}: {error}", file=sys.stderr)
             continue
         moving = moving_log(robot, model, raw, constraints)
         one = held(robot, model, moving, constraints)
         totals, logs = totals + one.counts, logs + 1
         print(
-            f"{seed} | {' | '.join(map(str, one.counts))} | {one.farthest} | "
-            f"{one.trunk} | {moving.said} | {process_time() - started:.0f} CPU s",
+            f"| {seed} | {' | '.join(map(str, one.counts))} | {one.farthest} | "
+            f"{one.trunk} | {moving.said} | {process_time() - started:.0f} |",
             flush=True,
         )
-    print(f"all | {' | '.join(map(str, totals))} | of {10 * logs}")
+    sums = " | ".join(f"{total} of {10 * logs}" for total in totals)
+    print(f"| all | {sums} |  |  |  |  |")
 
 
 if __name__ == "__main__":

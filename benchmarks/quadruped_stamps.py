@@ -1,6 +1,6 @@
 """Whether the trunk of a foreign simulation is found when torque is stamped too early.
 
-    python benchmarks/quadruped_stamps.py --robot a1 anymal --logs 2
+    python benchmarks/quadruped_stamps.py --robot a1 anymal --logs 2 [--write PAGE]
 
 Logs are those of `quadruped_foreign.py`, which shares nothing with consistent_id.  Of
 each the default draft (`draft_problem`, with nothing stated but a floating base and the
@@ -16,6 +16,7 @@ from time import process_time
 
 import msgspec
 import numpy as np
+from pages import add_write, shown_on
 from quadruped_foreign import ROBOTS, STAMPS, nominal_file, stamped_logs
 
 import consistent_id as ci
@@ -77,8 +78,16 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=10, help="seed of the first")
     parser.add_argument("--stamps", choices=STAMPS, nargs="+", default=list(STAMPS))
     parser.add_argument("--as-stamped", action="store_true", help="without it, too")
+    add_write(parser)
     options = parser.parse_args()
-    print(" | ".join((*COLUMNS, "inside", "CPU s")))
+    with shown_on(options.write):
+        report(options)
+
+
+def report(options: argparse.Namespace) -> None:
+    """Print the table."""
+    header = (*COLUMNS, "true values in 95 % intervals", "CPU s")
+    print(f"| {' | '.join(header)} |\n{'|---' * len(header)}|", flush=True)
     for name in options.robot:
         for seed in range(options.first, options.first + options.logs):
             logs = stamped_logs(ROBOTS[name], seed)
@@ -99,7 +108,7 @@ def main() -> None:
                         said = f"{1e3 * late.seconds:+.2f} +- {width:.2f}"
                     used = f"{process_time() - started:.0f}"
                     cells = name, stamp, str(seed), said, fit
-                    print(" | ".join((*cells, *errors, used)), flush=True)
+                    print(f"| {' | '.join((*cells, *errors, used))} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 """What designs bring in a closed loop: rehearsals of several robots in MuJoCo.
 
-``python benchmarks/rehearsals.py [ROBOT ...] [--robots 3] [--seconds 10]``: a table for
-each robot of example-robot-data, with its design, the rival objective's, random paths
-and sinusoids, and last the errors of all in shares of the random paths'.
+``python benchmarks/rehearsals.py [ROBOT ...] [--robots 3] [--seconds 10] [--write
+PAGE]``: a table for each robot of example-robot-data, with its design, the rival
+objective's, random paths and sinusoids, and last the errors of all in shares of the
+random paths'.
 """
 
 import argparse
@@ -10,6 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from pages import add_write, shown_on
 
 sys.path.insert(0, str(Path(__file__).parent))
 from excitation_cases import EXAMPLES
@@ -33,8 +35,17 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=3, help="planted, of each")
     parser.add_argument("--seconds", type=float, default=10.0, help="of each search")
     parser.add_argument("--executor", help="processes, dask, ... (default: here)")
+    add_write(parser)
     options = parser.parse_args()
+    with shown_on(options.write):
+        report(options)
+
+
+def report(options: argparse.Namespace) -> None:
+    """Print the tables; how limits were used goes to stderr."""
     ratios: dict[str, list[float]] = {}
+    header: tuple[str, ...] = ()
+    rows: list[tuple[str, ...]] = []
     for name in options.names or ROBOTS:
         file, tip = ROBOTS[name]
         changes = {"share": 0.9, "acceleration": 10.0}
@@ -46,14 +57,19 @@ def main() -> None:
             time_limit=options.seconds,
             executor=options.executor,
         )
-        for table in found.tables():
-            print(f"\n{table.text()}", flush=True)
+        table, *others = found.tables()
+        header, rows = table.header, [*rows, *((name, *row) for row in table.rows)]
+        for other in (table, *others):
+            print(f"\n{other.text()}", file=sys.stderr, flush=True)
         means = {
             motion: np.median([one.mean_error for one in some])
             for motion, some in found.rehearsals.items()
         }
         for motion, mean in means.items():
             ratios.setdefault(motion, []).append(mean / means["random paths"])
+    print(f"| robot | {' | '.join(header)} |\n|---{'|---' * len(header)}|")
+    for row in rows:
+        print(f"| {' | '.join(row)} |")
     print("\n| motion | error over that of random paths, geometric mean | most |")
     print("|---|---:|---:|")
     for motion, some in ratios.items():

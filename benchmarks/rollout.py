@@ -1,6 +1,6 @@
 """Closed-loop replay of motion that was not learnt from, on real PD-controlled robots.
 
-``python benchmarks/rollout.py [PROBLEM ...] [OPTION ...]``
+``python benchmarks/rollout.py [PROBLEM ...] [OPTION ...] [--write PAGE]``
 
 By default ``problems/unitree_go2`` and ``problems/unitree_z1``; recordings are found
 through ``CONSISTENT_ID_DATASETS``.  Settings are chosen on the training logs
@@ -17,13 +17,14 @@ the processor.
 
 import argparse
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from time import process_time
 
 import msgspec
 import numpy as np
+from pages import add_write, shown_on
 
 import consistent_id as ci
 from consistent_id.comparison.speed_trend import joint_speeds, speed_of, speed_trend
@@ -35,7 +36,7 @@ from consistent_id.estimation.uncertainties.block_scatter import (
 from consistent_id.problems.loading import problem_of
 from consistent_id.regression.segments import merged, segments_of
 from consistent_id.rollout import rollout
-from consistent_id.rollout.chosen_settings import chosen_settings
+from consistent_id.rollout.chosen_settings import SettingsChoice, chosen_settings
 from consistent_id.rollout.refine import RIDGE, refined
 from consistent_id.rollout.refinement_choice import chosen_ridge
 from consistent_id.rollout.settings import (
@@ -55,28 +56,41 @@ def main() -> None:
     parser.add_argument("--ridges", action="store_true")
     parser.add_argument("--keep", action="store_true")
     parser.add_argument("--blocks", action="store_true")
+    add_write(parser)
     options = parser.parse_args()
     if "CONSISTENT_ID_DATASETS" not in os.environ:
         raise SystemExit("CONSISTENT_ID_DATASETS is not set: no recordings")
+    used = [n.removeprefix("problems/") for n in options.problems if n in PROBLEMS]
+    with shown_on(options.write, used):
+        report(options)
+
+
+def report(options: argparse.Namespace) -> None:
+    """Print the errors that each problem reaches; what was chosen goes to stderr."""
+    rows = []
     for name in options.problems:
         problem = ci.load_problem(name)
         if options.backwards:
             problem = backwards(problem)
-        print(f"== {problem.name}" + (", backwards" if options.backwards else ""))
+        name = problem.name + (", backwards" if options.backwards else "")
+        if options.blocks or options.ridges:
+            print(f"== {name}")
         if options.blocks:
             blocks(problem)
             continue
-        settings = None
+        settings, delay, chosen = None, "as stated", 0.0
         if not options.keep:
             started = process_time()
             found = chosen_settings(problem)
             settings = found.settings
             problem = with_settings(problem, settings)
+            chosen = process_time() - started
             print(
-                f"{found.settings}, {found.delay}, its 95 % interval "
-                f"{found.delay_interval} s, error {1e3 * found.error:.2f}, "
-                f"{len(found.tried)} tried in {process_time() - started:.1f} s"
+                f"{name}: {found.settings}, {found.delay}, error "
+                f"{1e3 * found.error:.2f}, {len(found.tried)} tried",
+                file=sys.stderr,
             )
+            delay = delay_text(found)
         if options.ridges:
             ridges(problem)
             continue
@@ -84,12 +98,33 @@ def main() -> None:
         choice = chosen_ridge(problem, settings)
         print(
             f"ridge of the refinement: {choice.ridge or 'none: not refined'}, cut-offs "
-            f"{choice.cutoffs} in {process_time() - started:.1f} s"
+            f"{choice.cutoffs}",
+            file=sys.stderr,
         )
+        seconds = f"{chosen:.1f} and {process_time() - started:.1f}"
         if settings is not None and choice.cutoff is not None:
             lowered = replace(settings, cutoff=choice.cutoff)
             problem = with_settings(problem, lowered)
-        judged(problem, choice.ridge)
+        rows.append([name, *judged(problem, choice.ridge), delay, seconds])
+    if rows:
+        print(f"| {' | '.join(HEADER)} |\n|---{'|---:' * (len(HEADER) - 1)}|")
+    for row in rows:
+        print(f"| {' | '.join(row)} |")
+
+
+HEADER = (
+    *("robot", "torque fit", "refined by rollout", "file as shipped"),
+    *("shipped, with offsets and delay", "delay [ms], 95 %", "choices, CPU [s]"),
+)
+
+
+def delay_text(found: SettingsChoice) -> str:
+    """Return a delay and its interval [ms]."""
+    text = f"{1e3 * found.delay.delay:.1f}"
+    if found.delay_interval is None:
+        return f"{text}, no interval"
+    low, high = (1e3 * end for end in found.delay_interval)
+    return f"{text} ({low:.1f} to {high:.1f})"
 
 
 def backwards(problem: ci.Problem) -> ci.Problem:
@@ -102,8 +137,8 @@ def backwards(problem: ci.Problem) -> ci.Problem:
     return replace(problem_of(table, problem.source), source=problem.source)
 
 
-def judged(problem: ci.Problem, ridge: float | None) -> None:
-    """Print the errors of the torque fit, of its refinement and of the shipped file."""
+def judged(problem: ci.Problem, ridge: float | None) -> list[str]:
+    """Return errors [mrad] of the torque fit, its refinement and the shipped file."""
     gains, delay = gains_of(problem), problem.delay_of_commands
     training, validation = problem.logs("training"), problem.logs("validation")
     problem.training  # noqa: B018  read and filtered before the clock starts
@@ -124,22 +159,15 @@ def judged(problem: ci.Problem, ridge: float | None) -> None:
     rivals = rollout(
         estimate, validation, gains, against=shipped, training=training, delay=delay
     )
-    rows = [
-        ("torque fit", rollout_error(problem, estimate, validation), fitted - started),
-        (
-            "refined by rollout",
-            rollout_error(problem, better.estimate, validation),
-            done - fitted,
-        ),
+    (file,) = shipped
+    fits = ((estimate, fitted - started), (better.estimate, done - fitted))
+    return [
         *(
-            (f"{Path(file).name}, {what}", rivals.rmse(str(file), offsets=given), 0.0)
-            for file in shipped
-            for what, given in (("as shipped", False), ("with offsets", True))
+            f"{1e3 * rollout_error(problem, one, validation):.2f} ({seconds:.2f} s)"
+            for one, seconds in fits
         ),
+        *(f"{1e3 * rivals.rmse(str(file), offsets=o):.2f}" for o in (False, True)),
     ]
-    for what, error, seconds in rows:
-        clock = f"{seconds:6.2f} s" if seconds else ""
-        print(f"{what:28} {1e3 * error:6.2f} mrad {clock}", flush=True)
 
 
 def blocks(problem: ci.Problem) -> None:

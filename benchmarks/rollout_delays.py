@@ -1,18 +1,19 @@
 """Whether true delays are inside the intervals of `rollout`, on simulated logs.
 
 ``python benchmarks/rollout_delays.py [--seeds A-B] [--bodies model|identified]
-[--delays MS,MS...]``: a seed is a robot of example-robot-data under PD drives, a kind
-of friction, a delay of commands, and a motion.  MuJoCo simulates it in steps of 0.5 ms;
-friction is dry, and its level depends on speed (Stribeck) or on the drive's torque
-(load) besides.  The log has the commands and the encoders' positions.  A problem is
-drafted of it, and settings are chosen as `rollout` does without options.  ``scatter``
-is the 95 % interval by the scatter between blocks of the motion, ``interval`` is what
-`rollout` prints.  Where the delay is found to be 0, it is from 0 to the upper limit;
-true delays of 1 and 2 ms (``--delays 0,1,2``) show whether the limit holds.  Seconds
-are those of the processor.
+[--delays MS,MS...] [--write PAGE]``: a seed is a robot of example-robot-data under PD
+drives, a kind of friction, a delay of commands, and a motion.  MuJoCo simulates it in
+steps of 0.5 ms; friction is dry, and its level depends on speed (Stribeck) or on the
+drive's torque (load) besides.  The log has the commands and the encoders' positions.  A
+problem is drafted of it, and settings are chosen as `rollout` does without options.
+``scatter`` is the 95 % interval by the scatter between blocks of the motion,
+``interval`` is what `rollout` prints.  Where the delay is found to be 0, it is from 0
+to the upper limit; true delays of 1 and 2 ms (``--delays 0,1,2``) show whether the
+limit holds.  Seconds are those of the processor; lines of seeds go to stderr.
 """
 
 import argparse
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 import pandas as pd
+from pages import add_write, shown_on
 from repair import EXAMPLES
 
 import consistent_id as ci
@@ -211,7 +213,14 @@ def main() -> None:
     parser.add_argument("--seeds", default="0-11")
     parser.add_argument("--bodies", default="model", choices=["model", "identified"])
     parser.add_argument("--delays", default=",".join(f"{1e3 * d:g}" for d in DELAYS))
+    add_write(parser)
     options = parser.parse_args()
+    with shown_on(options.write):
+        report(options)
+
+
+def report(options: argparse.Namespace) -> None:
+    """Print how many intervals contain the true delay."""
     first, last = (int(seed) for seed in options.seeds.split("-"))
     delays = [1e-3 * float(delay) for delay in options.delays.split(",")]
     judged: list[Judged] = []
@@ -229,6 +238,7 @@ def main() -> None:
             f"{seed:4} {case.robot:8} {case.friction:9} {1e3 * case.delay:4.1f} ms: "
             f"{1e3 * found.delay:5.2f}; {'; '.join(map(str, shown))}; "
             f"{process_time() - started:.1f} s",
+            file=sys.stderr,
             flush=True,
         )
     for name in ("scatter", "interval"):

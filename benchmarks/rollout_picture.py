@@ -1,18 +1,20 @@
 """The pictures of ``docs/rollout.md``.
 
-``python benchmarks/rollout_picture.py [FOLDER]``
+``python benchmarks/rollout_picture.py [FOLDER] [--write PAGE]``
 
 Of ``problems/unitree_go2``: what a calf of the validation log was told and did, and
 what the torque fit, its refinement and the robot's shipped file do when they are told
-the same; and the errors of all joints.  The folder is ``docs`` by default; recordings
+the same; and the errors of all joints.  The folder is that of the
+page, or ``docs``; recordings
 are found through ``CONSISTENT_ID_DATASETS``.
 """
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
 from matplotlib import pyplot
+from pages import add_write, shown_on
 
 import consistent_id as ci
 from consistent_id.rollout import Replay, rollout
@@ -25,13 +27,26 @@ COLOURS = {"identified, refined": "C0", "torque fit": "C2", "shipped, offsets": 
 
 
 def main() -> None:
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, help="for the picture")
+    add_write(parser)
+    options = parser.parse_args()
+    page = options.write or Path("docs/rollout.md")
     replays = replayed(ci.load_problem("problems/unitree_go2"))
+    with shown_on(options.write, ["unitree_go2"]):
+        print("| replay of the validation log | error [mrad] |\n|---|---:|")
+        for name, one in replays.items():
+            print(f"| {name} | {1e3 * np.sqrt((one.errors**2).mean()):.2f} |")
+    draw(replays, (options.folder or page.parent) / "rollout.png")
+
+
+def draw(replays: dict[str, Replay], file: Path) -> None:
+    """Draw both pictures into a file."""
     figure, axes = pyplot.subplots(1, 2, figsize=(10.0, 3.4), width_ratios=(3, 2))
     motion(axes[0], replays)
     errors(axes[1], replays)
     figure.tight_layout()
-    figure.savefig(folder / "rollout.png", dpi=110)
+    figure.savefig(file, dpi=110)
 
 
 def replayed(problem: ci.Problem) -> dict[str, Replay]:

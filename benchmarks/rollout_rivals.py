@@ -1,6 +1,6 @@
 """``mujoco.sysid`` on the problems of ``benchmarks/rollout.py``.
 
-``python benchmarks/rollout_rivals.py [PROBLEM ...]``
+``python benchmarks/rollout_rivals.py [PROBLEM ...] [--write PAGE]``
 
 Same robot file, training log, drives, delay and sharing of motors as in the problem:
 armature, damping, frictionloss of each joint (equal motors have one armature), and a
@@ -19,6 +19,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from mujoco import sysid
+from pages import add_write, shown_on
 
 import consistent_id as ci
 from consistent_id.rollout.chosen_settings import motor_groups
@@ -43,8 +44,12 @@ KEPT = 5  # of a log's samples one of so many is compared: 40 Hz
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("problems", nargs="*", default=PROBLEMS)
-    for name in parser.parse_args().problems:
-        compare(ci.load_problem(name))
+    add_write(parser)
+    options = parser.parse_args()
+    used = [name.removeprefix("problems/") for name in options.problems]
+    with shown_on(options.write, used):
+        for name in options.problems:
+            compare(ci.load_problem(name))
 
 
 def compare(problem: ci.Problem) -> None:

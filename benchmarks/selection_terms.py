@@ -1,6 +1,7 @@
 """Drive terms that `select_model` finds, on simulated robots whose terms are known.
 
-``python benchmarks/selection_terms.py [--robots 40] [--first 1000] [--plain 16]``
+``python benchmarks/selection_terms.py [--robots 40] [--first 1000] [--plain 16]
+[--write PAGE]``
 
 Each joint of a robot has viscous and Coulomb friction, an offset, and a random choice
 of other terms.  The log has encoder steps and coloured torque noise.  A term of a joint
@@ -9,14 +10,17 @@ another motion's true torque, beside those of the true model fitted to the same 
 """
 
 import argparse
+import sys
 import tempfile
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
 
 import numpy as np
 from faults_robots import robots
+from pages import add_write, shown_on
 from selection_robots import Case, Truth, case_of, written
 
 import consistent_id as ci
@@ -137,7 +141,14 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=40)
     parser.add_argument("--plain", type=int, default=16)
     parser.add_argument("--first", type=int, default=1000)
+    add_write(parser)
     options = parser.parse_args()
+    with shown_on(options.write):
+        report(options)
+
+
+def report(options: argparse.Namespace) -> None:
+    """Print a table for robots of each kind; those of each seed go to stderr."""
     for kind, number in (("plain", options.plain), ("mixed", options.robots)):
         all_found = []
         for seed in range(options.first, options.first + number):
@@ -149,6 +160,7 @@ def main() -> None:
                 f"{kind} {seed}: error {one.error:.2%}, true model {one.oracle:.2%}, "
                 f"width {one.width:g}, false {dict(false)}, missed {dict(missed)}, "
                 f"{one.seconds:.1f} CPU s",
+                file=sys.stderr,
                 flush=True,
             )
         if all_found:
@@ -161,23 +173,28 @@ def summary(kind: str, all_found: list[Found]) -> str:
     errors = np.array([one.error for one in all_found])
     wide = np.mean([0.01 <= one.width <= 0.04 for one in all_found])
     lines = [
-        f"{kind}: error {errors.mean():.2%} mean, {errors.max():.2%} worst; over the "
-        f"true model's {np.median(ratios):.2f} median, {ratios.max():.2f} worst; width "
-        f"within a factor of two {wide:.0%}"
+        f"{len(all_found)} robots, {kind}: error {errors.mean():.2%} mean, "
+        f"{errors.max():.2%} worst; over the true model's {np.median(ratios):.2f} "
+        f"median, {ratios.max():.2f} worst; width within a factor of two {wide:.0%}",
+        "| term | false, of joints without it | missed, of joints with it |",
+        "|---|--:|--:|",
     ]
-    total_false = total_absent = 0
+    totals = np.zeros(4, dtype=int)
     for term in TERMS:
-        false = sum(t == term for one in all_found for _, t in one.false)
-        missed = sum(t == term for one in all_found for _, t in one.missed)
-        absent = sum(one.absent[term] for one in all_found)
-        present = sum(one.present[term] for one in all_found)
-        total_false, total_absent = total_false + false, total_absent + absent
-        lines.append(
-            f"  {term}: false in {false} of {absent} joints, missed in {missed} of "
-            f"{present}"
+        counts = (
+            sum(t == term for one in all_found for _, t in one.false),
+            sum(one.absent[term] for one in all_found),
+            sum(t == term for one in all_found for _, t in one.missed),
+            sum(one.present[term] for one in all_found),
         )
-    lines.append(f"  all: false {total_false} of {total_absent}")
-    return "\n".join(lines)
+        totals += counts
+        lines.append(_row(term.removesuffix("_velocity").replace("_", " "), counts))
+    return "\n".join([*lines, _row("all", totals)])
+
+
+def _row(name: str, counts: Sequence[int]) -> str:
+    false, absent, missed, present = counts
+    return f"| {name} | {false} of {absent} | {missed} of {present} |"
 
 
 if __name__ == "__main__":

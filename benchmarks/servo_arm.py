@@ -1,13 +1,14 @@
 """What teleoperation alone says of an arm's servos, and intervals between files.
 
-    python benchmarks/servo_arm.py [--seeds 2] [--halves]
+    python benchmarks/servo_arm.py [--seeds 2] [--halves] [--write PAGE]
 
 An SO-101 (of `example-robot-data`) with simulated servos of known parameters is
 teleoperated: smooth moves between random poses, goals at 30 Hz, positions of 12 bits at
 30 Hz, as LeRobot records them; no duty, no current, no torque.  `identify_servos`
-learns from goals and positions alone, with the firmware's gain stated.  Printed are, by
-parameter, the median error and the median half interval over joints and seeds, relative
-to the true value, and how often the interval contains it.
+learns from goals and positions alone, with the firmware's gain stated.  Printed are, of
+each joint, the values with their half intervals; of several seeds, also the median
+error and the median half interval over joints and seeds, relative to the true value,
+and how often the interval contains it.
 
 ``--halves``: the pendulum of servo_pendulum (CONSISTENT_ID_DATASETS), learnt from two
 disjoint halves of its files; how often the two estimates agree within their intervals.
@@ -16,18 +17,20 @@ disjoint halves of its files; how often the two estimates agree within their int
 import argparse
 import os
 import sysconfig
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
 
 import numpy as np
+from pages import add_write, shown_on
 
 from consistent_id._support.arrays import Matrix
 from consistent_id.robot.loaders import load_robot
 from consistent_id.robot.model import RobotModel
 from consistent_id.rollout import ServoLog, identify_servos, read_servo_logs
 from consistent_id.rollout.servo_fit import _identified, _ServoData
+from consistent_id.rollout.servo_result import ServoForm
 
 SO101 = (
     "cmeel.prefix/share/example-robot-data/robots/so_arm_description/urdf/so101.urdf"
@@ -44,6 +47,14 @@ TRUTH = {
     "armature": 0.025,  # kg m^2
     "delay": LATE,
     "zero": 0.0,
+}
+UNITS = {
+    "stall": "N m",
+    "viscous": "N m s/rad",
+    "coulomb": "N m",
+    "armature": "kg m^2",
+    "delay": "s",
+    "zero": "rad",
 }
 CREEP = 0.005  # rad/s, width of the sign change of friction
 
@@ -111,7 +122,7 @@ def arm_study(
     robot = load_robot(file)
     errors: dict[str, list[tuple[float, float, float]]] = {}
     borders: dict[str, int] = {}
-    joints = 0
+    columns: dict[str, ServoForm] = {}
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
         logs = []
@@ -124,17 +135,39 @@ def arm_study(
             place = robot.joint_names.index(name)
             data = _ServoData(robot, tuple(logs), (), GAIN)
             servo = _identified(data, place, ["plain"], seed)
-            joints += 1
             form = servo.chosen
             for name in form.at_border:
                 borders[name] = borders.get(name, 0) + 1
             for name, value in form.values.items():
                 known = (value - TRUTH[name], form.half_intervals[name], value)
                 errors.setdefault(name, []).append(known)
-            half = form.half_intervals
-            shown = {n: f"{v:.3g} +- {half[n]:.2g}" for n, v in form.values.items()}
-            print(servo.joint, shown, form.at_border, f"{1e3 * form.left_out:.1f} mrad")
-    return _table(errors, borders, joints)
+            number = f", seed {seed}" if seeds > 1 else ""
+            columns[f"`{servo.joint}`{number}"] = form
+    lines = _joints(columns)
+    if seeds > 1:
+        lines += ["", *_table(errors, borders, len(columns))]
+    return lines
+
+
+def _joints(columns: Mapping[str, ServoForm]) -> list[str]:
+    """Return the table of each joint's values."""
+    forms = columns.values()
+
+    def cell(form: ServoForm, name: str) -> str:
+        if name not in form.values:
+            return "-"
+        border = ", at a border" if name in form.at_border else ""
+        return f"{form.values[name]:.3g} +- {form.half_intervals[name]:.2g}{border}"
+
+    lines = [
+        f"| parameter | true | {' | '.join(columns)} |",
+        f"|---|{'--:|' * (len(columns) + 1)}",
+    ]
+    for name, true in TRUTH.items():
+        cells = " | ".join(cell(form, name) for form in forms)
+        lines.append(f"| `{name}`, {UNITS[name]} | {true:g} | {cells} |")
+    left = " | ".join(f"{1e3 * form.left_out:.1f}" for form in forms)
+    return [*lines, f"| error of logs left out, mrad |  | {left} |"]
 
 
 def _table(
@@ -202,7 +235,14 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=12.0)
     parser.add_argument("--joints", nargs="+", default=())
     parser.add_argument("--halves", action="store_true")
+    add_write(parser)
     options = parser.parse_args()
+    with shown_on(options.write):
+        report(options)
+
+
+def report(options: argparse.Namespace) -> None:
+    """Print the tables."""
     start = process_time()
     lines = (
         halves()

@@ -1,6 +1,7 @@
 """The 95 % intervals of servos: true values in them, and differences between files.
 
     python benchmarks/servo_intervals.py [--servos 40] [--friction plain] [--splits 4]
+        [--write PAGE]
 
 Servos with random parameters lift the pendulum of `benchmarks/servos.py` and are
 simulated by code that shares nothing with the package: steps of 0.1 ms, a firmware that
@@ -21,6 +22,7 @@ from tempfile import TemporaryDirectory
 from time import process_time
 
 import numpy as np
+from pages import add_write, shown_on
 from servos import GAINS, PENDULUM
 
 from consistent_id._support.arrays import Vector
@@ -140,13 +142,15 @@ def simulated_logs(
 
 def shares(ratios: Mapping[str, Sequence[float]], what: str) -> None:
     """Print the share of errors within their intervals, by parameter."""
-    print(f"{'parameter':<22}{what:>10}{'of':>5}   median and largest error/half width")
+    print(f"| parameter | {what} | of | median error/half width | largest |")
+    print("|---|--:|--:|--:|--:|")
     for name, values in ratios.items():
         each = np.array(values)
-        row = f"{name:<22}{np.mean(each <= 1.0):>10.1%}{len(each):>5}"
-        print(f"{row}   {np.median(each):.2f}, {each.max():.2f}")
+        row = f"`{name}` | {np.mean(each <= 1.0):.1%} | {len(each)}"
+        print(f"| {row} | {np.median(each):.2f} | {each.max():.2f} |")
     every = np.concatenate([np.array(values) for values in ratios.values()])
-    print(f"{'all':<22}{np.mean(every <= 1.0):>10.1%}{len(every):>5}", flush=True)
+    row = f"all | {np.mean(every <= 1.0):.1%} | {len(every)}"
+    print(f"| {row} | {np.median(every):.2f} | {every.max():.2f} |", flush=True)
 
 
 def of_simulated(robot: RobotModel, form: str, count: int, seed: int) -> None:
@@ -212,8 +216,9 @@ def main() -> None:
     parser.add_argument("--friction", nargs="*", default=["plain", "load"])
     parser.add_argument("--splits", type=int, default=4)
     parser.add_argument("--seed", type=int, default=0)
+    add_write(parser)
     options = parser.parse_args()
-    with TemporaryDirectory() as made:
+    with TemporaryDirectory() as made, shown_on(options.write):
         file = Path(made, "pendulum.urdf")
         file.write_text(PENDULUM)
         robot = load_robot(file)

@@ -1,24 +1,27 @@
 """A hobby servo, learnt at two gains of its firmware and simulated at a third.
 
-    python benchmarks/servos.py [--held-out kp100] [--seed 0]
+    python benchmarks/servos.py [--held-out kp100 ...] [--seed 0 1 2] [--write PAGE]
 
 The data set servo_pendulum (CONSISTENT_ID_DATASETS): one XL330 lifts 0.49 kg at 0.10 m.
 Logs of two gains are learnt from, those of the third, 200 by default, are simulated
-from their goals.
-Printed is the mean absolute error of position, in mrad, of `identify_servos` and of the
-friction models M1 to M6 of [Duclusaud2024], written here from the published formulas
-and fitted by their method: the evolution strategy on whole logs, constant supply, delay
-and offset fitted, no temperature.  The budget is `--trials` simulations for each.
+from their goals. Printed is the mean absolute error of position, in mrad, the mean over
+seeds, of `identify_servos` and of the friction models M1 to M6 of [Duclusaud2024],
+written here from the published formulas and fitted by their method: the evolution
+strategy on whole logs, constant supply, delay and offset fitted, no temperature.  The
+budget is `--trials` simulations for each.
 """
 
 import argparse
 import os
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
 
 import numpy as np
+from pages import add_write, shown_on
 
 from consistent_id._support.arrays import Array
 from consistent_id.robot.loaders import load_robot
@@ -41,6 +44,7 @@ PENDULUM = """<robot name="pendulum"><link name="bench"/>
 <parent link="bench"/><child link="arm"/><axis xyz="0 1 0"/>
 <limit lower="-3.2" upper="3.2" effort="1" velocity="20"/></joint></robot>"""
 GAINS = ("kp100", "kp200", "kp800")
+HELD_OUT = "kp200"
 
 COMMON = {
     "stall": (0.2, 2.0),
@@ -118,40 +122,67 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=2800)
     parser.add_argument("--models", nargs="*", default=list(MODELS))
-    parser.add_argument("--held-out", choices=GAINS, default="kp200")
-    parser.add_argument("--seed", type=int, default=0, help="of every search")
+    parser.add_argument("--held-out", nargs="+", choices=GAINS, default=[HELD_OUT])
+    parser.add_argument("--seed", type=int, nargs="+", default=[0], help="of searches")
+    add_write(parser)
     options = parser.parse_args()
-    held = f"{options.held_out}_"
+    with shown_on(options.write):
+        report(options)
+
+
+def report(options: argparse.Namespace) -> None:
+    """Print mean absolute errors, by the gain that was held out, over seeds."""
+    errors: dict[str, dict[str, list[float]]] = {}
+    seconds: dict[str, float] = {}
+    for held_out, seed in product(options.held_out, options.seed):
+        for name, training, each, spent in measured(held_out, seed, options):
+            row(name, training, each, spent)
+            own = errors.setdefault(name, {}).setdefault(held_out, [])
+            own.append(float(1e3 * each.mean()))
+            seconds[name] = seconds.get(name, 0.0) + spent
+    gains = [held_out.removeprefix("kp") for held_out in options.held_out]
+    print(f"| model | {' | '.join(gains)} | mean | seeds | CPU s |")
+    print(f"|---|{'---:|' * (len(gains) + 3)}")
+    for name, found in errors.items():
+        means = " | ".join(f"{np.mean(some):.1f}" for some in found.values())
+        by_seed = np.mean(list(found.values()), axis=0)
+        spread = f"{by_seed.min():.1f} to {by_seed.max():.1f}"
+        cells = f"{means} | {by_seed.mean():.1f} | {spread} | {seconds[name]:.0f}"
+        print(f"| {name} | {cells} |", flush=True)
+
+
+def measured(
+    held_out: str, seed: int, options: argparse.Namespace
+) -> Iterator[tuple[str, float, Array, float]]:
+    """Yield each model, its error in training, on each judged log [rad], and CPU s."""
     folder = Path(os.environ["CONSISTENT_ID_DATASETS"], "servo_pendulum")
     with TemporaryDirectory() as made:
         file = Path(made, "pendulum.urdf")
         file.write_text(PENDULUM)
         robot = load_robot(file)
         logs = read_servo_logs(sorted(folder.glob("*.parquet")), robot.joint_names)
-        training = [log for log in logs if held not in log.name]
-        judged = [log for log in logs if held in log.name]
-        names = [log.name.split("_", 1)[1].split(".")[0] for log in judged]
-        head = f"{'model':<22}{'training':>9}{options.held_out:>8}  CPU s"
-        print(head, *names, sep="  ")
+        training = [log for log in logs if f"{held_out}_" not in log.name]
+        judged = [log for log in logs if f"{held_out}_" in log.name]
         begin = process_time()
-        fit = identify_servos(robot, training, judged, seed=options.seed)
+        fit = identify_servos(robot, training, judged, seed=seed)
         seconds = process_time() - begin
-        for form in fit.joints[0].forms:
-            errors = np.array(list(fit.joints[0].validation[form.name].values()))
-            mark = " (chosen)" if form is fit.joints[0].chosen else ""
-            row(f"servo, {form.name}{mark}", form.training, errors, seconds)
-        gains = fit.joints[0].gains
+        joint = fit.joints[0]
+        for name, form in {
+            "`servo`, the form chosen by left-out logs": joint.chosen,
+            **{f"friction `{form.name}`": form for form in joint.forms},
+        }.items():
+            errors = np.array(list(joint.validation[form.name].values()))
+            yield name, form.training, errors, seconds
         replays = [
-            replayed_in_mujoco(file, fit, log, [gains[log.name]])[0] for log in judged
+            replayed_in_mujoco(file, fit, log, [joint.gains[log.name]])[0]
+            for log in judged
         ]
-        row("servo.xml in MuJoCo", np.nan, np.array(replays), 0.0)
+        yield "`servo.xml` (`plain`) in MuJoCo", np.nan, np.array(replays), 0.0
         pieces = [_whole(robot, part) for part in (training, judged)]
     for name in options.models:
         begin = process_time()
-        trained, errors = rival(
-            name, *pieces, options.trials // POPULATION, options.seed
-        )
-        row(name, trained, errors, process_time() - begin)
+        trained, errors = rival(name, *pieces, options.trials // POPULATION, seed)
+        yield name, trained, errors, process_time() - begin
 
 
 def _whole(robot: object, logs: list[ServoLog]) -> object:
@@ -160,10 +191,10 @@ def _whole(robot: object, logs: list[ServoLog]) -> object:
 
 
 def row(name: str, trained: float, errors: Array, seconds: float) -> None:
-    """Print a row of the table."""
+    """Say what a model reaches in one run [mrad]."""
     each = "  ".join(f"{1e3 * error:.1f}" for error in errors)
-    text = f"{name:<22}{1e3 * trained:9.1f}{1e3 * errors.mean():8.1f}"
-    print(f"{text}{seconds:7.0f}  {each}", flush=True)
+    text = f"{name:<42}{1e3 * trained:9.1f}{1e3 * errors.mean():8.1f}"
+    print(f"{text}{seconds:7.0f}  {each}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """A trunk told by a designed motion on its feet, and by one made by hand.
 
-``CONSISTENT_ID_DATASETS=... python benchmarks/standing.py [--robot humanoid]`` takes
-some six minutes of a processor, of the humanoid fifteen.  Both motions take Go2's
-trunk, or G1's torso, twenty seconds over the feet in MuJoCo, as in
+``CONSISTENT_ID_DATASETS=... python benchmarks/standing.py [--robot humanoid] [--write
+PAGE]`` takes some six minutes of a processor, of the humanoid fifteen.  Both motions
+take Go2's trunk, or G1's torso, twenty seconds over the feet in MuJoCo, as in
 benchmarks/quadruped.py, with contact, friction, noise, and a box on the trunk that no
 model knows; other bodies and rotors are known.  The motion by hand is that benchmark's:
 three sinusoids of each coordinate.  Controllers of joints add the torque that the model
@@ -11,9 +11,12 @@ times.  Samples next to touch-down and lift-off are left out, and joints at rest
 """
 
 import argparse
+import sys
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from pages import add_write, shown_on
 from quadruped import DRIVE, SIGNS, trunk_errors
 from standing_robots import ROBOTS, StandingRobot
 from standing_simulation import RATE, SETTLE, prepared, simulated
@@ -89,7 +92,7 @@ def designed(
         link=standing.trunk,
         duration=SECONDS,
         candidates=candidates,
-        tell=lambda done, error: print(f"  {done} paths: {error:.4f}", flush=True),
+        tell=lambda done, error: told(f"  {done} paths: {error:.4f}"),
     )
 
 
@@ -125,26 +128,32 @@ def trunks(
         )
         errors.append(found.links[robot.number] - robot.true_trunk.vector)
         said = trunk_errors(found.links[robot.number], robot)
-        print(f"  {noise:g} N m: {regression.counts[0]} rows, {said}", flush=True)
+        told(f"  {noise:g} N m: {regression.counts[0]} rows, {said}")
     return np.array(errors)
 
 
-def compared(sizes: dict[tuple[str, float], np.ndarray], robot: StandingRobot) -> None:
-    """Print root-mean-square errors beside each other, by way and noise."""
-    for noise in NOISE:
-        relative = [relative_size(sizes[n, noise], robot.true_trunk) for n in WAYS]
-        said = ", ".join(f"{w} {r:.2%}" for w, r in zip(WAYS, relative, strict=True))
-        print(f"{noise:g} N m added: errors relative to the trunk's size: {said}")
-    for noise in NOISE:
-        ratios = sizes["by hand", noise] / sizes["designed", noise]
-        said = ", ".join(
-            f"{name} {ratio:.2f}"
-            for name, ratio in zip(INERTIAL_NAMES, ratios, strict=True)
-        )
-        print(
-            f"{noise:g} N m added: errors by hand over errors of the design {said}; "
-            f"geometric mean {np.exp(np.mean(np.log(ratios))):.2f}"
-        )
+def compared(
+    sizes: dict[tuple[str, float], np.ndarray], robot: StandingRobot, used: float
+) -> Iterator[str]:
+    """Yield the lines of the table: errors with the most noise, and their ratios."""
+    noise = max(NOISE)
+    by_hand, design = (relative_size(sizes[n, noise], robot.true_trunk) for n in WAYS)
+    ratios = sizes["by hand", noise] / sizes["designed", noise]
+    named = dict(zip(INERTIAL_NAMES, ratios, strict=True))
+
+    def some(*names: str) -> str:
+        return ", ".join(f"{named[name]:.1f}" for name in names)
+
+    yield f"| | {robot.nominal.name}, noise of {noise:g} N m |\n|---|---:|"
+    yield f"| errors by hand | {by_hand:.1%} |"
+    yield f"| errors of the design | {design:.1%} |"
+    yield f"| share of its tightest limit, by hand | {used:.0%} |"
+    yield f"| by hand over design: mass | {some('m')} |"
+    yield f"| hx, hy, hz | {some('hx', 'hy', 'hz')} |"
+    yield f"| Ixx, Iyy, Izz | {some('Ixx', 'Iyy', 'Izz')} |"
+    yield f"| Ixy, Ixz, Iyz | {some('Ixy', 'Ixz', 'Iyz')} |"
+    mean = np.exp(np.mean(np.log(ratios)))
+    yield f"| geometric mean of these ratios | {mean:.1f} |"
 
 
 def main() -> None:
@@ -152,18 +161,31 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=12, help="of noise, each level")
     parser.add_argument("--candidates", type=int, default=320)
     parser.add_argument("--robot", choices=list(ROBOTS), default="quadruped")
+    add_write(parser)
     options = parser.parse_args()
+    with shown_on(options.write):
+        report(options)
+
+
+def told(line: str) -> None:
+    """Say how far the work is."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def report(options: argparse.Namespace) -> None:
+    """Print the table of both motions."""
     robot = ROBOTS[options.robot]()
     design = designed(robot, LIMITS[options.robot], options.candidates)
-    print(f"designed in {design.seconds:.0f} CPU s")
+    told(f"designed in {design.seconds:.0f} CPU s")
     for use in design.checked.uses:
-        print(f"  {use.what} of {use.of}: {use.share:.0%} at {use.time:.2f} s")
-    sizes = {}
+        told(f"  {use.what} of {use.of}: {use.share:.0%} at {use.time:.2f} s")
+    sizes, used = {}, {}
     for name, path in (("by hand", by_hand(robot)), ("designed", design.path)):
         time = np.arange(int(SECONDS * RATE) + 1) / RATE
         motion = standing_motion(design.stance, design.limits, path, time)
         predicted = trunk_error_sizes(design, motion)
-        print(f"{name}, predicted: {predicted}; largest use {motion.largest:.0%}")
+        used[name] = motion.largest
+        told(f"{name}, predicted: {predicted}; largest use {motion.largest:.0%}")
         raw = simulated(
             robot,
             0,
@@ -172,10 +194,11 @@ def main() -> None:
             feedforward=motion.ground.torque,
         )
         for noise in NOISE:
-            print(f"{name}:")
+            told(f"{name}:")
             errors = trunks(robot, raw, noise, options.draws)
             sizes[name, noise] = np.sqrt(np.mean(np.square(errors), axis=0))
-    compared(sizes, robot)
+    for line in compared(sizes, robot, used["by hand"]):
+        print(line)
 
 
 if __name__ == "__main__":

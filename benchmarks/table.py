@@ -1,14 +1,15 @@
 """Every robot with data here, on one page: what each path reaches, and how surely.
 
-``python benchmarks/table.py [--robots FILE.toml] [--only NAME ...] [--write PAGE]``
+``python benchmarks/table.py [--robots FILE.toml] [--only NAME ...] [--resume FILE]
+[--write PAGE]``
 
 The list is `robots.toml`; ``--robots`` takes one of your own, of the same form.  A
 robot with a problem file is worked through twice: as the file says (``file``), and
 from the model and the logs alone (``default``: what ``identify MODEL LOGS`` does).
 Estimates are judged by recordings that were not used to choose or fit anything.  The
 range beside an error is a 95 % interval from a jackknife over blocks of these
-recordings.  ``--write`` puts the table between the marks of a page.  Seconds are those
-of the processor.
+recordings.  ``--write`` puts the table between the marks of a page; with ``--resume``,
+rows are those of a file where they are there.  Seconds are those of the processor.
 """
 
 import argparse
@@ -16,15 +17,15 @@ import os
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from glob import glob
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Any
 
 import numpy as np
 from force_plates import least_error, person
+from kept_rows import Job, Kept, add_resume, files, inputs_of
 from pages import written_to
-from repair import EXAMPLES
 from scipy.stats import t as student
 from selection_bare import bare_draft, unseen
 
@@ -39,6 +40,7 @@ from consistent_id.rollout.problem_rollout import rollout_of
 from consistent_id.rollout.settings import gains_of
 
 HERE = Path(__file__).parent
+ROBOTS = HERE / "robots.toml"
 BLOCKS = 10
 SHOWN = {
     Method.LEAST_SQUARES: "least squares",
@@ -48,7 +50,7 @@ SHOWN = {
 HEADER = (
     *("robot", "path", "judged by", *SHOWN.values(), "recommended"),
     *("recommended less least squares", "", "expected, 80 % range"),
-    *("consistent links", "verdict", "CPU s"),
+    *("consistent links", "verdict", "CPU s", "measured"),
 )
 TORQUE, ROLLOUT, SERVO = "torque [%]", "rollout [mrad]", "position [mrad]"
 
@@ -224,25 +226,21 @@ def servo_row(entry: Mapping[str, Any], folder: Path) -> list[str]:
     error = jackknife(parts, lambda sums: float(sums[0] / sums[1]))
     return [
         *(entry["name"], "default", SERVO, *["-"] * len(SHOWN), error.text(1e3)),
-        *("-", "", "-", "given bodies", "-", f"{process_time() - began:.0f}"),
+        *("-", "", "-", "given bodies"),
+        *(str(fit.verdict), f"{process_time() - began:.0f}"),
     ]
 
 
-def rows(entry: Mapping[str, Any], folder: Path) -> Iterator[list[str]]:
+def rows(
+    entry: Mapping[str, Any], folder: Path, _: list[list[str]]
+) -> Iterator[list[str]]:
     """Yield the rows of an entry of the list; a path that is refused says why."""
     name = entry["name"]
     if entry.get("servo"):
         yield servo_row(entry, folder)
         return
     if "problem" not in entry:
-        given = {k: v for k, v in entry.items() if k not in ("name", "robot", "logs")}
-        given["validation"] = files(given.pop("validate", ()), folder)
-        (model,) = files([entry["robot"]], folder)
-
-        def drafted() -> Draft:
-            return ci.draft_problem(model, files(entry["logs"], folder), **given)
-
-        yield default_row(name, drafted, None)
+        yield default_row(name, partial(draft_of_entry, entry, folder), None)
         return
     problem = ci.load_problem(folder / entry["problem"], trust=True)
     if problem.table.data is not None:
@@ -250,6 +248,20 @@ def rows(entry: Mapping[str, Any], folder: Path) -> Iterator[list[str]]:
         yield default_row(name, lambda: without_file(problem, base), problem)
     began = process_time()
     yield judged_row(name, "file", problem, None, began)
+
+
+def draft_of_entry(entry: Mapping[str, Any], folder: Path) -> Draft:
+    """Return the draft of a robot and logs of the list, which have no problem file."""
+    given = {k: v for k, v in entry.items() if k not in ("name", "robot", "logs")}
+    given["validation"] = files(given.pop("validate", ()), folder)
+    (model,) = files([entry["robot"]], folder)
+    return ci.draft_problem(model, files(entry["logs"], folder), **given)
+
+
+def used_problems(entries: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the problem files of the repository's list, for the page's digests."""
+    named = (str(entry["problem"]) for entry in entries if "problem" in entry)
+    return [name.removeprefix("../problems/") for name in named]
 
 
 def default_row(
@@ -291,7 +303,7 @@ def refused(name: str, path: str, cause: Exception, began: float) -> list[str]:
     for variable in ("CONSISTENT_ID_DATASETS", "EXAMPLE_ROBOT_DATA"):
         if folder := os.environ.get(variable):
             said = said.replace(folder, f"${{{variable}}}")
-    cells = [f"refused: {said}", *["-"] * (len(HEADER) - 5)]
+    cells = [f"refused: {said}", *["-"] * (len(HEADER) - 6)]
     return [name, path, "-", *cells, f"{process_time() - began:.0f}"]
 
 
@@ -314,48 +326,55 @@ def without_file(problem: ci.Problem, base: str | None) -> Draft:
     )
 
 
-def files(names: Sequence[str], folder: Path) -> list[Path]:
-    """Return the files that names, patterns and environment variables stand for."""
-    os.environ.setdefault("EXAMPLE_ROBOT_DATA", str(EXAMPLES))
-    found: list[Path] = []
-    for name in names:
-        path = str(folder / os.path.expandvars(name))
-        matching = sorted(glob(path)) if "*" in path else [path]
-        found += map(Path, matching)
-    return found
-
-
 def plates() -> str:
-    """Return a sentence on the person on force plates, who has no other recording."""
+    """Return sentences on the person on force plates, who has no other recording."""
     data = person(Path(os.environ["CONSISTENT_ID_DATASETS"]))
     model, regression, base = data.rows
-    plain = data.error(ci.least_squares(model, regression, base=base).parameters)
+    plain = ci.least_squares(model, regression, base=base).parameters
     best = least_error(data)
-    published = ", ".join(f"{k} {data.error(x):.1f}" for k, x in data.published.items())
+    shown = {"least squares": plain, "best": best.parameters, **data.published}
+    parts = {k: in_blocks([data.squares(x)[:, None]]) for k, x in shown.items()}
+
+    def whole(sums: np.ndarray) -> float:
+        return float(sums[0] / sums[1]) * len(data.measured)
+
+    def text(tool: str, less: str | None = None) -> str:
+        ones = in_blocks([np.ones((len(data.measured), 1))])
+        other = parts[less] if less else 0.0
+        return jackknife(np.hstack([parts[tool] - other, ones]), whole).text(1e-3)
+
+    published = ", ".join(
+        f"{kind} {text(kind)}, {text(kind, 'best')} more" for kind in data.published
+    )
     return (
         "A person on force plates (16 bodies; one recording, so nothing is held out): "
-        f"weighted squared error of least squares {plain:.1f}, of the best bodies "
-        f"within their ellipsoids {best.misfit**2:.1f} (optimum "
-        f"{best.optimality.verdict}), of the published estimates {published}."
+        "weighted squared error, in thousands, of least squares "
+        f"{text('least squares')}, of the best bodies within their ellipsoids "
+        f"{text('best')} (optimum {best.optimality.verdict}), of the published "
+        f"estimates, and how much more than of the best, {published}. Intervals are of "
+        f"{BLOCKS} blocks, as above."
     )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", type=Path, default=HERE / "robots.toml")
+    parser.add_argument("--robots", type=Path, default=ROBOTS)
     parser.add_argument("--only", nargs="*", metavar="NAME", help="some of the list")
+    add_resume(parser)
     parser.add_argument("--write", type=Path, help="page with marks of the table")
     options = parser.parse_args()
     entries = tomllib.loads(options.robots.read_text())["robot"]
     if options.only:
         entries = [entry for entry in entries if entry["name"] in options.only]
-    folder, own = options.robots.parent, options.robots == HERE / "robots.toml"
-    named = (str(e["problem"]) for e in entries if own and "problem" in e)
-    used = [name.removeprefix("../problems/") for name in named]
+    folder, own = options.robots.parent, options.robots == ROBOTS
+    used = used_problems(entries) if own else []
+    kept = Kept(options.resume)
     with written_to(options.write, "table", used):
         print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}", flush=True)
         for entry in entries:
-            for row in rows(entry, folder):
+            measure = partial(rows, entry, folder)
+            job = Job(entry["name"], "table", inputs_of(entry, folder), measure)
+            for row in kept.done(job)[0]:
                 print(f"| {' | '.join(row)} |", flush=True)
         if own and not options.only:
             print(f"\n{plates()}")

@@ -1,6 +1,7 @@
 """Other tools on the robots of `table.py`: the same logs, rows and judges.
 
-    python benchmarks/table_rivals.py [--figaroh PYTHON] [--only ROBOT ...] [--write P]
+    python benchmarks/table_rivals.py [--figaroh PYTHON] [--robots FILE.toml]
+        [--only ROBOT ...] [--resume FILE.jsonl] [--write PAGE]
 
 - FIGAROH 1.0.2, in the Python of `peers/`: its regressor with friction, rotor inertia
   and offset, on the motion that the problem file prepares, filtered like the torque;
@@ -10,20 +11,24 @@
 - ``mujoco.sysid``, if MuJoCo has the extra ``sysid``: see `rollout_rivals.py`.
 - Friction models M1 to M6 of BAM, written here: see `servos.py`.
 
-What is missing is left out, and said.  Intervals are those of `table.py`, of the same
-blocks; beside each error is that of the recommended estimate of the problem file.
+Robots are those of a list like `robots.toml`.  What is missing is left out, and said.
+With `--resume`, rows are kept in a file as soon as they are measured, and a robot's
+rows of a tool are taken from there unless the robot's files have changed; each row says
+when it was measured.  Intervals are those of `table.py`, of the same blocks; beside
+each error is that of the recommended estimate of the problem file.
 Seconds are of the processor: of FIGAROH those from the filtered rows to the estimate,
 of others those of the fit.
 """
 
 import argparse
 import json
-import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
@@ -31,13 +36,18 @@ from typing import Any
 
 import numpy as np
 import servos
+from kept_rows import Job, Kept, add_resume, inputs_of
 from pages import written_to
 from table import (
+    ROBOTS,
     Interval,
+    draft_of_entry,
+    files,
     in_blocks,
     jackknife,
     relative_error,
     torque_squares,
+    used_problems,
 )
 
 import consistent_id as ci
@@ -50,17 +60,14 @@ from consistent_id.rollout import identify_servos, read_servo_logs
 from consistent_id.rollout.problem_rollout import rollout_of
 
 HERE = Path(__file__).parent
-BY_TORQUE = ("ur10e", "ur10e/payload.toml", "kuka_kr300", "staubli_tx40", "tiago")
-BY_ROLLOUT = ("unitree_go2", "unitree_z1")
-COUPLED = {"staubli_tx40": (4, 5)}
 HEADER = (
     *("robot", "judged by", "tool", "its error", "recommended here"),
-    *("recommended less the tool", "", "CPU s"),
+    *("recommended less the tool", "", "CPU s", "measured"),
 )
 ALIKE = (
     *("robot", "judged by", "tool", "its error", "recommended here, its columns"),
     *("this package less the tool", "", "CPU s", "CPU s here"),
-    "drives of the tool below zero",
+    *("drives of the tool below zero", "measured"),
 )
 SAME = 1e-4  # by which errors of least squares on the same columns may differ, relative
 TRIALS = 2800  # simulations of each friction model
@@ -85,12 +92,13 @@ def row(
     return [name, judge, tool, *cells, f"{seconds:.2f}"]
 
 
-def of_figaroh(name: str, python: str, alike: list[list[str]]) -> Iterator[list[str]]:
+def of_figaroh(
+    problem: ci.Problem, python: str, alike: list[list[str]]
+) -> Iterator[list[str]]:
     """Yield the rows of FIGAROH's stages on a problem of a robot with torque.
 
     Rows of its direct fits against this package on the same columns go to `alike`.
     """
-    problem = ci.load_problem(HERE.parent / "problems" / name, trust=True)
     study = Study(problem)
     model, best = problem.model, study.estimate(study.recommendation.method)
     training = [motion_of(model, log, None) for log in study.training]
@@ -138,7 +146,9 @@ def of_figaroh(name: str, python: str, alike: list[list[str]]) -> Iterator[list[
         )
     ]
     if not np.isclose(*check, rtol=SAME, atol=0.0):
-        raise SystemExit(f"{name}: errors of least squares there and here, {check}")
+        raise SystemExit(
+            f"{problem.name}: errors of least squares there and here, {check}"
+        )
     mine = [torque_squares(fit, log) for log in same.validation]
     for stage in squares:
         if stage.startswith("physical_fit"):
@@ -190,7 +200,7 @@ def stages(
     names, count = problem.model.torque_joints, len(training)
     joints = [robot.joint_names.index(name) for name in names]
     rows = [
-        through(motion, with_coupling(problem.name, np.load(file), motion)[joints])
+        through(motion, with_couplings(problem.model, np.load(file), motion)[joints])
         for motion, file in zip(motions, files, strict=True)
     ]
     W = np.concatenate(rows[:count], axis=1)
@@ -217,21 +227,23 @@ def stages(
     return predicted, about
 
 
-def with_coupling(name: str, W: np.ndarray, motion: Motion) -> np.ndarray:
-    """Return columns with those of a coupled wrist, which users of FIGAROH add.
+def with_couplings(model: ci.TorqueModel, W: np.ndarray, motion: Motion) -> np.ndarray:
+    """Return columns with those of coupled gears, which users of FIGAROH add.
 
-    The motor of joint 6 turns with joint 5: its inertia, viscous and dry friction.
+    The motor of the second joint turns with the first: its inertia, viscous and dry
+    friction.
     """
-    if name not in COUPLED:
-        return W
-    one, other = COUPLED[name]
     along = motion if motion.filtered is None else motion.filtered.along
-    extra = np.zeros((*W.shape[:2], 3))
-    for joint, partner in ((one, other), (other, one)):
-        extra[joint, :, 0] = along.ddq[:, partner]
-        extra[joint, :, 1] = along.dq[:, partner]
-        extra[joint, :, 2] = np.sign(along.dq[:, one] + along.dq[:, other])
-    return np.concatenate([W, extra], axis=2)
+    for coupling in model.couplings:
+        names = model.robot.joint_names
+        one, other = (names.index(n) for n in (coupling.first, coupling.second))
+        extra = np.zeros((*W.shape[:2], 3))
+        for joint, partner in ((one, other), (other, one)):
+            extra[joint, :, 0] = along.ddq[:, partner]
+            extra[joint, :, 1] = along.dq[:, partner]
+            extra[joint, :, 2] = np.sign(along.dq[:, one] + along.dq[:, other])
+        W = np.concatenate([W, extra], axis=2)
+    return W
 
 
 def through(motion: Motion, W: np.ndarray) -> np.ndarray:
@@ -239,11 +251,10 @@ def through(motion: Motion, W: np.ndarray) -> np.ndarray:
     return np.stack([motion.through(own, row=j) for j, own in enumerate(W)])
 
 
-def of_sysid(name: str) -> list[str]:
+def of_sysid(problem: ci.Problem) -> list[str]:
     """Return the row of ``mujoco.sysid`` on a problem of commands."""
     import rollout_rivals
 
-    problem = ci.load_problem(HERE.parent / "problems" / name, trust=True)
     (log,) = problem.logs("training")
     began = process_time()
     with redirect_stdout(sys.stderr):  # its optimiser reports each step
@@ -269,39 +280,75 @@ def of_sysid(name: str) -> list[str]:
     )
 
 
-def of_servos() -> Iterator[list[str]]:
-    """Yield the rows of BAM's friction models on the hobby servo."""
-    folder = Path(os.environ["CONSISTENT_ID_DATASETS"], "servo_pendulum")
-    robot = ci.load_robot(HERE / "hand_made" / "servo_pendulum.urdf")
-    logs = read_servo_logs(sorted(folder.glob("*.parquet")), robot.joint_names)
-    training = [log for log in logs if servos.HELD_OUT not in log.name]
-    judged = [log for log in logs if servos.HELD_OUT in log.name]
+def of_servos(entry: Mapping[str, Any], folder: Path) -> Iterator[list[str]]:
+    """Yield the rows of BAM's friction models on a hobby servo."""
+    robot = ci.load_robot(*files([entry["robot"]], folder))
+    training, judged = (
+        read_servo_logs(files(entry[key], folder), robot.joint_names)
+        for key in ("logs", "validate")
+    )
     (own,) = identify_servos(robot, training, judged).joints
     ours = np.array(list(own.validation[own.chosen.name].values()))
     pieces = [servos._whole(robot, part) for part in (training, judged)]
     for model in servos.MODELS:
         began = process_time()
-        _, theirs = servos.rival(model, *pieces, TRIALS // servos.POPULATION)
+        generations = TRIALS // servos.POPULATION
+        _, theirs = servos.rival(model, *pieces, generations, seed=0)
         seconds = process_time() - began
         ones = np.ones(len(theirs))
         both = np.stack([np.column_stack([e, ones]) for e in (theirs, ours)], axis=1)
         tool = f"BAM's {model}, own code"
         figures = (both, lambda s: s[0] / s[1], seconds)
-        yield row("servo_pendulum", "position [mrad]", tool, *figures)
+        yield row(entry["name"], "position [mrad]", tool, *figures)
 
 
-def every_row(
-    figaroh: str | None, only: Sequence[str] | None, alike: list[list[str]]
-) -> Iterator[list[str]]:
-    """Yield all rows; those of the same columns go to `alike`."""
-    for name in BY_TORQUE:
-        if figaroh is not None and (not only or name in only):
-            yield from of_figaroh(name, figaroh, alike)
-    for name in BY_ROLLOUT:
-        if not only or name in only:
-            yield of_sysid(name)
-    if not only or "servo_pendulum" in only:
-        yield from of_servos()
+def jobs(
+    entries: Sequence[Mapping[str, Any]], folder: Path, figaroh: str | None
+) -> Iterator[Job]:
+    """Yield what each tool does with each robot of a list."""
+    for entry in entries:
+        name, inputs = entry["name"], inputs_of(entry, folder)
+        if entry.get("servo"):
+            yield Job(name, "BAM", inputs, lambda _, e=entry: of_servos(e, folder))
+            continue
+        try:
+            problem = problem_of_entry(entry, folder)
+        except ci.ConsistentIdError as cause:
+            left_out(name, str(cause))
+            continue
+        if problem.table.data is None:
+            left_out(name, "its logs are simulated")
+        elif problem.gains is not None:
+            if has_sysid():
+                yield Job(name, "sysid", inputs, lambda _, p=problem: [of_sysid(p)])
+            else:
+                left_out(name, "MuJoCo has no extra `sysid`")
+        elif figaroh is None:
+            left_out(name, "no --figaroh")
+        elif problem.model_files.get("urdf") is None:
+            left_out(name, "FIGAROH reads URDF")
+        else:
+            of = partial(of_figaroh, problem, figaroh)
+            yield Job(name, "FIGAROH", inputs, of)
+
+
+def left_out(name: str, why: str) -> None:
+    """Say which robot has no rows of a tool."""
+    print(f"{name}: left out: {why}", file=sys.stderr, flush=True)
+
+
+def has_sysid() -> bool:
+    """Whether MuJoCo's extra is installed; without it, the module is empty."""
+    from mujoco import sysid
+
+    return hasattr(sysid, "optimize")
+
+
+def problem_of_entry(entry: Mapping[str, Any], folder: Path) -> ci.Problem:
+    """Return the problem of an entry of a list, drafted where it has no file."""
+    if "problem" in entry:
+        return ci.load_problem(folder / entry["problem"], trust=True)
+    return draft_of_entry(entry, folder).problem()
 
 
 def show(header: Sequence[str]) -> None:
@@ -314,18 +361,28 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--figaroh", help="Python that has FIGAROH, see peers/")
-    parser.add_argument("--only", nargs="*", metavar="ROBOT")
+    parser.add_argument("--robots", type=Path, default=ROBOTS, help="a list of yours")
+    parser.add_argument("--only", nargs="*", metavar="ROBOT", help="some of the list")
+    add_resume(parser)
     parser.add_argument("--write", type=Path, help="page with marks of the table")
     options = parser.parse_args()
-    with written_to(options.write, "rivals", (*BY_TORQUE, *BY_ROLLOUT)):
-        alike: list[list[str]] = []
+    entries = tomllib.loads(options.robots.read_text())["robot"]
+    if options.only:
+        entries = [entry for entry in entries if entry["name"] in options.only]
+    used = used_problems(entries) if options.robots == ROBOTS else []
+    kept = Kept(options.resume)
+    with written_to(options.write, "rivals", used):
+        every_alike: list[list[str]] = []
         show(HEADER)
-        for cells in every_row(options.figaroh, options.only, alike):
-            print(f"| {' | '.join(cells)} |", flush=True)
-        if alike:
+        for job in jobs(entries, options.robots.parent, options.figaroh):
+            rows, alike = kept.done(job)
+            every_alike += alike
+            for cells in rows:
+                print(f"| {' | '.join(cells)} |", flush=True)
+        if every_alike:
             print("\nFIGAROH's direct fit, and this package on FIGAROH's columns:\n")
             show(ALIKE)
-        for cells in alike:
+        for cells in every_alike:
             print(f"| {' | '.join(cells)} |", flush=True)
 
 

@@ -3,10 +3,15 @@
 import ast
 import importlib
 import importlib.util
+import os
 import random
+import re
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import ANY
 
 import msgspec
 import numpy as np
@@ -233,6 +238,93 @@ def test_the_table_s_intervals_are_a_mean_s_and_its_error_the_score(monkeypatch)
     assert len(sums) == table.BLOCKS
     stacked = plain.score(log).stacked
     assert table.relative_error(model, sums.sum(axis=0)) == pytest.approx(stacked)
+
+
+def test_a_servo_in_the_table_has_its_own_verdict(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
+    table = importlib.import_module("table")
+    joint = SimpleNamespace(
+        chosen=SimpleNamespace(name="plain"), validation={"plain": {"a": 0.1, "b": 0.2}}
+    )
+    fit = SimpleNamespace(joints=[joint], verdict="use with care")
+    monkeypatch.setattr(table, "identify_servos", lambda *_: fit)
+    monkeypatch.setattr(table, "read_servo_logs", lambda files, _: files)
+    entry = {"robot": "hand_made/servo_pendulum.urdf", "logs": ["a"]}
+    entry |= {"name": "servo", "validate": ["a", "b"]}
+    row = dict(zip(table.HEADER[:-1], table.servo_row(entry, table.HERE), strict=True))
+    assert row["verdict"] == "use with care"
+    assert row["recommended"].startswith("150.00 (")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif("CONSISTENT_ID_DATASETS" not in os.environ, reason="no recordings")
+def test_figures_of_the_person_on_force_plates_have_intervals(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
+    said = importlib.import_module("table").plates()
+    found = re.findall(r"(\S+) \((-?[\d.]+) to (-?[\d.]+)\)", said)
+    assert len(found) == 8  # least squares, the best, and two of three published
+    for figure, low, high in found:
+        assert float(low) < float(figure) < float(high)
+
+
+OWN_LIST = """
+[[robot]]
+name = "servo"
+servo = true
+robot = "robot.urdf"
+logs = ["log.csv"]
+
+[[robot]]
+name = "arm"
+robot = "robot.urdf"
+logs = ["log.csv"]
+select = false
+"""
+
+
+@pytest.fixture
+def rivals(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
+    return importlib.import_module("table_rivals")
+
+
+def test_rivals_are_those_of_a_list_and_what_is_left_out_is_said(
+    rivals, tmp_path, capsys
+):
+    write_arm(tmp_path)
+    (tmp_path / "arm.urdf").rename(tmp_path / "robot.urdf")
+    entries = tomllib.loads(OWN_LIST)["robot"]
+    (one,) = rivals.jobs(entries, tmp_path, None)
+    assert (one.robot, one.tool) == ("servo", "BAM")
+    assert capsys.readouterr().err == "arm: left out: no --figaroh\n"
+    both = list(rivals.jobs(entries, tmp_path, "python"))
+    assert [(job.robot, job.tool) for job in both] == [
+        ("servo", "BAM"),
+        ("arm", "FIGAROH"),
+    ]
+    with (tmp_path / "log.csv").open("a") as log:
+        log.write("\n")
+    after = list(rivals.jobs(entries, tmp_path, "python"))
+    assert all(a.inputs != b.inputs for a, b in zip(both, after, strict=True))
+
+
+def test_rows_of_rivals_are_measured_once_for_the_same_inputs(rivals, tmp_path):
+    measured = []
+
+    def rows(alike):
+        measured.append(1)
+        alike.append(["alike"])
+        yield ["row", str(len(measured))]
+
+    job = rivals.Job("arm", "tool", "digest", rows)
+    kept = rivals.Kept(tmp_path / "rows.jsonl")
+    first = kept.done(job)
+    assert kept.done(job) == first == ([["row", "1", ANY]], [["alike", ANY]])
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d, [0-9a-f]{8}\+?", first[0][0][-1])
+    changed = replace(job, inputs="other")
+    assert kept.done(changed)[0][0][1] == "2"
+    assert kept.done(job) == first
+    assert rivals.Kept(None).done(job)[0][0][1] == "3"
 
 
 def test_a_delay_of_a_spoilt_torque_is_not_taken_out_of_other_logs(

@@ -50,7 +50,7 @@ def test_commands_were_found_on_each_page():
         "README.md": 4,
         "docs/start.md": 8,
         "docs/faq.md": 1,
-        "docs/for-agents.md": 4,
+        "docs/for-agents.md": 8,
         "docs/install.md": 1,
         "docs/ros2.md": 5,
     }
@@ -135,6 +135,15 @@ def test_the_changelog_has_the_version_below_what_is_unreleased():
     assert (titles[0], version) == ("Unreleased", consistent_id.__version__)
     citation = (ROOT / "CITATION.cff").read_text()
     assert f"\ndate-released: {day}\n" in citation
+
+
+def test_what_is_unreleased_can_be_read():
+    changes = (ROOT / "CHANGELOG.md").read_text()
+    above, *groups = re.split("^### .*$", changes.split("\n## ")[1], flags=re.M)
+    assert above == "Unreleased\n\n"
+    entries = [line for group in groups for line in group.splitlines() if line]
+    assert [line for line in entries if len(line) > 200] == []
+    assert len(entries) <= 150  # more cannot be read: lines about one thing are one
 
 
 def test_placeholders_of_addresses_stand_in_one_place():

@@ -1,6 +1,7 @@
 """Measured pages state the problem files that they were measured with: today's."""
 
 import re
+import subprocess
 import sys
 from datetime import date
 from pathlib import Path
@@ -74,6 +75,53 @@ def test_pages_of_scripts_that_read_problem_files_state_them():
     assert measured_pages - {*DIGESTED} == {*WITHOUT}
 
 
+PRINTING = """
+import argparse, sys
+sys.path.insert(0, sys.argv.pop(1))
+from pages import add_write, shown_on
+parser = argparse.ArgumentParser()
+parser.add_argument("--first", type=int)
+parser.add_argument("--what")
+add_write(parser)
+options = parser.parse_args()
+with shown_on(options.write):
+    print(f"{options.first} logs\\n| a |\\n|---|\\n| {options.what} |")
+"""
+
+
+def test_a_command_that_prints_writes_between_its_own_marks(tmp_path):
+    script, page = tmp_path / "printing.py", tmp_path / "page.md"
+    script.write_text(PRINTING)
+    marks = "{0}<!-- printing first {1} what {2}: begin -->\nold\n"
+    marks += "{0}<!-- printing first {1} what {2}: end -->\n"
+    text = marks.format("", 1, "one word") + "- item\n\n" + marks.format("  ", 2, "b")
+    page.write_text(text)
+    for given in (("1", "one word"), ("2", "b")):
+        words = [str(HERE / "benchmarks"), "--first", given[0], "--what", given[1]]
+        command = [sys.executable, str(script), *words, "--write", str(page)]
+        found = subprocess.run(command, check=True, capture_output=True, text=True)
+        assert f"| {given[1]} |" in found.stdout  # printed, too
+    shown = page.read_text()
+    assert "old" not in shown
+    said = 'Measured by `python benchmarks/printing.py --first 1 --what "one word"`{}:'
+    assert f"{said.format(stamp())}\n\n```none\n1 logs\n```\n\n| a |" in shown
+    assert "\n  | a |\n  |---|\n  | b |\n  <!-- printing first 2 what b: end" in shown
+    last = subprocess.run(
+        [*command[:-1], str(HERE / "README.md")], capture_output=True, text=True
+    )
+    assert "no marks <!-- printing first 2 what b: begin -->" in last.stderr
+
+
+def test_a_stamp_is_that_of_a_command_with_its_arguments(tmp_path):
+    page = tmp_path / "page.md"
+    old = " on 2026-01-02 (commit abcdef12; machine not noted)"
+    text = "`python benchmarks/slack.py --first 1`{} and "
+    text += "`python benchmarks/slack.py --first 2 --write docs/page.md`{}.\n"
+    page.write_text(text.format(old, old))
+    stamp_page(page, "slack.py", "--first 2", stamp())
+    assert page.read_text() == text.format(old, stamp())
+
+
 def test_a_digest_is_that_of_settings_and_of_the_model(tmp_path):
     folder = tmp_path / "arm"
     folder.mkdir()
@@ -104,26 +152,56 @@ def test_what_is_written_is_read_back(tmp_path, monkeypatch):
     assert digests_on(measured(script="slack.py")) == {}
 
 
-def test_every_measured_page_states_command_day_and_commit():
+NOT_NOTED = {
+    "excite-my-robot.md": {"standing.py"},
+    "model-selection.md": {"selection_terms.py"},
+    "quadruped-trunk.md": {"quadruped.py", "quadruped_intervals.py"},
+    "servos.md": {"servos.py", "servo_intervals.py"},
+}
+"""Commands of pages whose machine was not noted; a new stamp always has it."""
+
+
+def test_every_measured_page_states_command_day_commit_and_machine():
     every = measurements()
     assert {one.page.stem for one in every} >= {"accuracy", "benchmarks", "faults"}
+    unknown = {}
     for one in every:
         stamped = re.fullmatch(
-            r"on (\S+) \(commit [0-9a-f]{7,}\+?(; .+)?\)", one.stamped
+            r"on (\S+) \(commit [0-9a-f]{7,}\+?; (.+)\)", one.stamped
         )
         assert stamped, (
-            f"{one.page.name} does not say when {one.script} {one.arguments} was run; "
+            f"{one.page.name} does not say when and where {one.script} "
+            f"{one.arguments} was run; "
             f"python benchmarks/pages.py {one.page.stem} runs it and says so"
         )
         assert date.fromisoformat(stamped[1]) <= date.today()
         assert (HERE / "benchmarks" / one.script).is_file()
+        if stamped[2] == "machine not noted":
+            unknown.setdefault(one.page.name, set()).add(one.script)
+    assert unknown == NOT_NOTED
+
+
+IN_SENTENCES = {
+    ("clean-recordings.md", "clean_simulations.py"): "how many logs were accused: none",
+    ("collisions.md", "independent_collisions.py"): "that there was no collision",
+    ("quadruped-trunk.md", "quadruped.py"): "18 lines of three logs; two tables of it",
+    ("quadruped-trunk.md", "quadruped_intervals.py"): "sums of three runs in one table",
+    ("rollout.md", "rollout_delays.py"): "how many delays are in their intervals",
+    ("rollout.md", "rollout_rivals.py"): "two errors, of minutes each",
+}
+"""Commands whose figures stand in sentences, or in a table of several runs."""
+
+
+def test_every_measured_table_is_written_by_its_command():
+    printing = {(one.page.name, one.script) for one in measurements() if not one.writes}
+    assert printing == IN_SENTENCES.keys()
 
 
 def test_a_stamp_replaces_that_of_the_command_before(tmp_path):
     page = tmp_path / "page.md"
     old = "`python benchmarks/table.py`{} and `python\nbenchmarks/slack.py --deep`.\n"
     page.write_text(old.format(" on 2026-01-02 (commit abcdef12)"))
-    stamp_page(page, "table.py", stamp())
+    stamp_page(page, "table.py", "", stamp())
     assert page.read_text() == old.format(stamp())
     assert stamp().startswith(f" on {date.today()} (commit ") and machine() in stamp()
     first, second = measurements(tmp_path)

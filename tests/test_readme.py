@@ -7,6 +7,7 @@ from operator import attrgetter
 from pathlib import Path
 
 import pytest
+from shown import assert_reached
 
 import consistent_id
 from consistent_id._support.face import ROOMS, homes
@@ -83,6 +84,7 @@ def test_the_python_of_the_pages_runs(page, capsys, tmp_path, monkeypatch):
         if shown:
             assert_alike(out, shown, rel=SEARCHED.get(page, 0.1))
     assert printed
+    assert_reached(f"docs/{page}.md", *names.values())
 
 
 def assert_alike(out, shown, *, rel):

@@ -94,8 +94,8 @@ def _numeric(cells: Iterable[str]) -> bool:
 
 
 _Value = TypeVar("_Value")
-_MOST = 1000
-"""Characters up to which a value is shown with all its fields in full."""
+_MOST, _LINES = 1000, 30
+"""Characters and lines up to which a value is shown with all its fields in full."""
 _FIELD = 100
 """Characters up to which one field of a larger value is shown in full."""
 _ITEMS = 6
@@ -128,7 +128,7 @@ def brief(cls: type[_Value]) -> type[_Value]:
 
         def shown(self: _Value) -> str:
             text: str = made(self)
-            if len(text) <= _MOST:
+            if len(text) <= _MOST and text.count("\n") < _LINES:
                 return text
             parts = ", ".join(f"{name}={short}" for name, short in _fields(self))
             return f"{type(self).__name__}({parts})"

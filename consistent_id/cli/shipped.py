@@ -1,12 +1,13 @@
 """What the package brings with it: examples, documentation, a script for the shell.
 
 ``consistent-id demo`` copies the example problems; ``consistent-id help`` prints a page
-of the documentation, the help of a command, or the meaning of a reason;
+of the documentation, the help of a command, the meaning of a reason, or a JSON schema;
 ``consistent-id completion`` prints a script, written by shtab, that contains all names,
 so completion does not start Python.
 """
 
 import argparse
+import json
 import re
 import shlex
 import textwrap
@@ -98,12 +99,14 @@ def _problems() -> Path:
 
 
 _OF_HELP = """TOPIC is a page of the documentation, a command, a verdict, or the kind
-of a reason, in quotes. Without a topic, all pages are listed."""
+of a reason, in quotes; or a JSON schema of what --json prints. Without a topic, all
+pages are listed; `schemas` lists the schemas."""
 _TOPICS = """
 consistent-id help
 consistent-id help bad-result
 consistent-id help "mostly guessed"
 consistent-id help identify
+consistent-id help study-1 > study-1.json
 """
 _WIDTH = 88
 _REASONS = "bad-result"
@@ -116,7 +119,7 @@ def add_help(command: argparse.ArgumentParser) -> None:
     add_command(
         command,
         run_help,
-        Option("[topic]", "page, command, verdict, or kind of a reason"),
+        Option("[topic]", "page, command, verdict, kind of a reason, or schema"),
         more=_OF_HELP,
         examples=_TOPICS,
         reads=False,
@@ -144,6 +147,11 @@ def _text(topic: str, pages: dict[str, Path], tool_parser: Any) -> str:
     name = topic.removeprefix("docs/").removesuffix(".md")
     if name in pages:
         return pages[name].read_text(encoding="utf-8").rstrip()
+    schemas = _schemas()
+    if name == "schemas":
+        return _listed_schemas(schemas)
+    if (schema := _schema_name(name)) in schemas:
+        return json.dumps(_whole(schemas[schema], schemas), indent=2)
     commands = _commands(tool_parser("help"))
     if name in commands:
         return _commands(tool_parser(name))[name].format_help().rstrip()
@@ -151,9 +159,9 @@ def _text(topic: str, pages: dict[str, Path], tool_parser: Any) -> str:
     kinds = {kind: entry for text in texts for kind, entry in _kinds(text).items()}
     if name in kinds:
         return kinds[name]
-    known = dict.fromkeys((*pages, *commands, *kinds))
+    known = dict.fromkeys((*pages, *commands, *kinds, *schemas))
     raise ProblemError(
-        f"no page, command or reason {topic!r}; {did_you_mean(name, known)}"
+        f"no page, command, reason or schema {topic!r}; {did_you_mean(name, known)}"
     )
 
 
@@ -212,12 +220,57 @@ def _listed(pages: dict[str, Path]) -> str:
     )
 
 
+def _schema_name(topic: str) -> str:
+    """Return a schema's name, from it, its file or the ``format`` of a JSON object.
+
+    Examples
+    --------
+    >>> _schema_name("consistent_id model gains 1"), _schema_name("schemas/lint-1.json")
+    ('model-gains-1', 'lint-1')
+    """
+    name = topic.removeprefix("schemas/").removesuffix(".json")
+    return name.removeprefix("consistent_id ").replace(" ", "-")
+
+
+def _schemas() -> dict[str, dict[str, Any]]:
+    """Return the JSON schemas of what commands print with ``--json``, by name."""
+    files = sorted((_docs() / "schemas").glob("*.json"))
+    return {file.stem: json.loads(file.read_text(encoding="utf-8")) for file in files}
+
+
+def _listed_schemas(schemas: dict[str, dict[str, Any]]) -> str:
+    """Return the names and the titles of schemas, and where their files are."""
+    wide = max(map(len, schemas))
+    lines = [f"  {name:{wide}}  {schema['title']}" for name, schema in schemas.items()]
+    head = "JSON schemas of what --json prints: consistent-id help NAME"
+    return "\n".join([head, *lines, "", f"Files: {_docs() / 'schemas'}"])
+
+
+def _whole(schema: dict[str, Any], schemas: dict[str, dict[str, Any]]) -> Any:
+    """Return a schema with all that it refers to, so that it needs no other file."""
+    parts: dict[str, dict[str, Any]] = {}
+    left = [schema]
+    while left:
+        for name in re.findall(r'"\$ref": "([\w-]+)\.json"', json.dumps(left.pop())):
+            if name not in parts:
+                parts[name] = schemas[name]
+                left.append(schemas[name])
+    return {**schema, "$defs": dict(sorted(parts.items()))} if parts else schema
+
+
 def _pages() -> dict[str, Path]:
-    """Return the pages of the documentation, of a wheel or of the source tree."""
+    """Return the pages of the documentation, and its list for agents, by name."""
+    folder = _docs()
+    pages = {path.stem: path for path in sorted(folder.glob("*.md"))}
+    return {**pages, "llms.txt": folder / "llms.txt"}
+
+
+def _docs() -> Path:
+    """Return the folder of the documentation, of a wheel or of the source tree."""
     package = Path(__file__).parents[1]
     for folder in (package / "_docs", package.parent / "docs"):
         if (folder / f"{_REASONS}.md").is_file():
-            return {path.stem: path for path in sorted(folder.glob("*.md"))}
+            return folder
     raise ProblemError(
         f"{package / '_docs'} is missing; install the package again, or read docs/ of "
         "its source archive"

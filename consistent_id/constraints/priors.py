@@ -134,6 +134,7 @@ class LocalRows(NamedTuple):
     g: Vector
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class QuadraticDistance:
     """``||G u - g||``, the same rows everywhere; zero at the nominal robot."""

@@ -24,6 +24,7 @@ SAMPLES = 1000
 PATH, _LIMIT = "#0072b2", "#d55e00"
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
     """The result of one stage of a design, proven to keep all limits.

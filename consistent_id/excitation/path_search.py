@@ -7,6 +7,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.excitation.criteria import Criterion, Value, scaled, spread
 from consistent_id.excitation.guards import EVERY, guard_rows, near_places
 from consistent_id.excitation.programme import (
@@ -45,6 +46,7 @@ _ROUNDS = 30  # of adding rows where a guard was violated
 Report = Callable[["FoundPath"], None]
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPath:
     """The start of a search, or its best path.

@@ -133,6 +133,7 @@ class SampleError(RecordingError):
     """Samples have values that no robot wrote; readers add the place in the file."""
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class TorqueFilter:
     """The low-pass filter of a recording's torque, and the samples before the filter.

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array, checked
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.files import MEBIBYTE, read_input, write_atomically
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.correlated_noise import CorrelatedNoise
@@ -30,6 +31,7 @@ _LARGEST = 256 * MEBIBYTE  # bytes; an arm with seven joints has about 1 MB
 _Rows = list[list[float]]
 
 
+@brief
 class GivenRows(NamedTuple):
     """The input of estimators: a model, its regression and its base parameters.
 

@@ -40,6 +40,7 @@ OF_OBSERVER = 3
 """Samples in a row for torque of an observer: one wrong sample spoils two steps."""
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactState:
     """The detector's state after a sample.

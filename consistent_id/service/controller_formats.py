@@ -318,6 +318,7 @@ def _of_a_body(moments: Vector) -> Vector:
     return raised
 
 
+@brief
 class ControllerFormat(NamedTuple):
     """A form in which a controller or a program takes a load.
 

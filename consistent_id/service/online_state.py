@@ -40,6 +40,7 @@ class LoadPlace(NamedTuple):
     capacity: float
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Regime:
     """The assumptions about the robot, with or without a load.
@@ -141,6 +142,7 @@ def _without_link(known: ConicSet, own: slice, consistent: str) -> ConicSet:
 METHOD = "followed"
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class WaitingBlock:
     """A block that waits until it is sure that no load came within it."""

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.certificate import (
     Optimality,
     ball_about,
@@ -55,6 +56,7 @@ class _Blocks(NamedTuple):
     places: IntArray
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ConeCoordinates:
     """A set in coordinates of the steps that its equalities leave free.

@@ -44,6 +44,7 @@ _CORNER = 2.0**-0.5  # of a cone of friction, along two sides at once
 _REACHED = 1e-6  # m, rad; feet that are further off are out of reach
 
 
+@brief
 class GroundForces(NamedTuple):
     """The forces that support a motion.
 

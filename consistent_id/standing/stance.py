@@ -134,6 +134,7 @@ class Stance:
         )
 
 
+@brief
 class LegMotion(NamedTuple):
     """Joints over time, and the errors of the feet [m, rad].
 

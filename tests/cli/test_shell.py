@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from logged import write_arm
+from schemas import FOLDER
 from shared_studies import no_study_shared, shared_within
 
 from consistent_id import __version__, load_problem, uncertainty
@@ -425,6 +426,46 @@ def test_help_prints_pages_and_the_help_of_commands(capsys):
     assert main(["help", "demo"]) == 0 and capsys.readouterr().out == shown
     assert main(["help", "bad-reslt"]) == 2
     assert "known: bad-result" in capsys.readouterr().err
+    assert main(["help", "llms.txt"]) == 0
+    assert capsys.readouterr().out == (FOLDER.parent / "llms.txt").read_text()
+
+
+def test_help_lists_schemas_and_prints_each_with_all_that_it_refers_to(capsys):
+    assert main(["help", "schemas"]) == 0
+    listed = capsys.readouterr().out
+    assert listed.endswith(f"Files: {FOLDER}\n")
+    names = {file.stem for file in FOLDER.glob("*.json")}
+    assert set(re.findall(r"^  ([\w-]+-\d+) ", listed, re.M)) == names
+    for name in names:
+        assert main(["help", name]) == 0
+        schema = json.loads(capsys.readouterr().out)
+        assert schema["$id"] == f"{name}.json"
+        # Every reference leads to a part of the text itself.
+        inside = {part["$id"] for part in schema.get("$defs", {}).values()}
+        assert set(re.findall(r'"\$ref": "([^"]+)"', json.dumps(schema))) <= inside
+
+
+@pytest.mark.parametrize(
+    "topic", ["consistent_id model gains 1", "schemas/model-gains-1.json"]
+)
+def test_help_finds_a_schema_by_the_format_of_an_object(topic, capsys):
+    assert main(["help", "model-gains-1"]) == 0
+    by_name = capsys.readouterr().out
+    assert main(["help", topic]) == 0
+    assert capsys.readouterr().out == by_name
+
+
+def test_a_schema_that_help_prints_refuses_what_lacks_a_key_of_a_shared_part(capsys):
+    jsonschema = pytest.importorskip("jsonschema")
+    assert main(["help", "verdict-1"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    reason = {"kind": "misfit", "word": "use", "statement": "large", "advice": "look"}
+    verdict = {"held_out_recordings": [], "accepted": []}
+    verdict |= {"method": "weighted", "verdict": "use", "held_out_error": 0.1}
+    checked = jsonschema.Draft202012Validator(schema)
+    assert checked.is_valid(verdict | {"reasons": [reason]})
+    del reason["advice"]
+    assert not checked.is_valid(verdict | {"reasons": [reason]})
 
 
 def test_pages_that_messages_name_are_printed_by_help(capsys):

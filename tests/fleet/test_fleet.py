@@ -10,6 +10,7 @@ from excited import arm
 from fleet_folders import FILE, write_robots
 from schemas import parsed
 from scipy.optimize import lsq_linear
+from shown import assert_reached
 
 import consistent_id as ci
 from consistent_id.cli import main
@@ -218,6 +219,7 @@ def test_outliers_are_named_and_bodies_recovered(model):
     }
     regressions = {name: regression for name, (_, regression) in made.items()}
     fleet = ci.fleet.fleet_estimate(model, regressions, constraints=CONSTRAINTS)
+    assert_reached("tests/fleet/test_fleet.py", fleet)
     assert fleet.outliers == ("r3", "r7") and fleet.settled
     assert fleet.bodies.verdict.usable and "r3" in fleet.table().text()
     truth = np.append(np.ravel(model.robot.nominal), [0.3, 0.3])

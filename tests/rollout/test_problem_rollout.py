@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from schemas import parsed
+from shown import assert_reached
 
 from consistent_id import load_problem, to_mjcf
 from consistent_id.cli import main
@@ -78,6 +79,7 @@ def test_refinement_lowers_the_error_it_learns_from_within_the_constraints(folde
     problem = load_problem(folder)
     done = rollout_of(Study(problem), refine=True)
     found = done.refinement
+    assert_reached("tests/rollout/test_problem_rollout.py", done)
     # The torque fit is almost the best of rollouts here: the friction of its rows is
     # exact.  `test_rollouts_find_the_drives_again` begins far from it.
     assert max(found.after, found.before) < 0.9e-3

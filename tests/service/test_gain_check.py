@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from carrying import JOINTS, LOAD, urdf, write_log, write_robot
 from schemas import parsed
+from shown import assert_reached
 
 from consistent_id import ModelError, ProblemError, RecordingError, draft_problem
 from consistent_id.cli import main
@@ -45,6 +46,7 @@ def found(files):
 
 
 def test_gains_are_those_of_the_simulated_drives(found):
+    assert_reached("tests/service/test_gain_check.py", found)
     half = found.half_intervals
     assert (abs(found.gains - GAINS) < 1.5 * half).all()
     # Joints that gravity loads show their gains; the first turns about the vertical.

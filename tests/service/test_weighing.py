@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 from carrying import FLANGE, LOAD, write_log, write_robot
 from schemas import parsed
+from shown import assert_reached
 
 from consistent_id import (
     ModelError,
@@ -55,6 +56,7 @@ def found(problem, files):
 
 
 def test_a_load_is_weighed_in_the_frame_of_the_flange(found):
+    assert_reached("tests/service/test_weighing.py", found)
     flange = found.in_flange
     assert found.verdict.word == "use"
     assert flange.frame == "flange"

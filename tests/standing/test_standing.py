@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from quadrupeds import CORNERS, FEET, FOOT, quadruped_text
+from shown import assert_reached
 
 import consistent_id as ci
 from consistent_id.robot.kinematics import frame_places
@@ -221,6 +222,7 @@ def test_a_design_keeps_its_limits_and_tells_more_than_motions_by_hand(stance):
         stance, model_of(stance), LIMITS, duration=4, candidates=64
     )
     checked = design.checked
+    assert_reached("tests/standing/test_standing.py", design)
     assert max(use.share for use in checked.uses) <= 1.0
     assert abs(checked.joints.dq).max() <= LIMITS.velocity
     assert abs(checked.ground.torque).max() <= LIMITS.effort_share * LIMITS.effort

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.programmes import (
     ConePoint,
     ConeRows,
@@ -35,6 +36,7 @@ _VALUES = 3  # most equalities named in a proof
 _SHARE = 0.01  # least multiplier, relative to the largest, that is named
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Interior:
     """The best point of a set and its margin, negative if the set is empty.

@@ -23,6 +23,7 @@ from consistent_id.errors import ProblemError
 _NULL = 1e-12  # singular values below this, relative to the largest, are zero
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class SemidefiniteBlock:
     """``F(x) = constant + sum_i x_i coefficients_i``, required positive semidefinite.
@@ -296,6 +297,7 @@ def row_spaces(A: Matrix, tolerance: float = _NULL) -> Equalities:
     return Equalities((Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockRows:
     """All semidefinite blocks of a set, each divided by its scale: ``A x + b``.

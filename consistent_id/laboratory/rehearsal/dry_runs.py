@@ -14,7 +14,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import Executor, single_threaded
 from consistent_id._support.progress import counted
 from consistent_id._support.run import note_stop
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.excitation.accuracy import (
     PredictedAccuracy,
@@ -81,6 +81,7 @@ class RehearsalPlan:
     seed: int
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class DryRun:
     """A design and perhaps its rivals, played by several planted robots.

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, freeze_arrays
+from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.estimate import Estimate
@@ -69,6 +70,7 @@ class TorqueSensors:
         return np.asarray(np.where(self.steps > 0.0, stepped, readings))
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class PlantedRobot:
     """A robot whose parameters are known, because they were chosen.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.constraints import NonNegativeDrive, PhysicalConsistency
 from consistent_id.errors import SolverError
 from consistent_id.estimation.base_least_squares import least_squares
@@ -294,6 +294,7 @@ def identified(
     return Identified(plain, constrained)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Rehearsal:
     """One motion, played by one planted robot.

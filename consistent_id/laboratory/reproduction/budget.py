@@ -14,6 +14,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.laboratory.experiment import Laboratory
 from consistent_id.laboratory.reproduction.experiments import Reproduction
@@ -31,6 +32,7 @@ from consistent_id.regression.mass_matrix import mass_matrices
 SLOWNESS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorBudget:
     """Parts of the errors of least squares as published, over experiments.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, frozen
+from consistent_id._support.tables import brief
 from consistent_id.comparison.feasibility import in_words
 from consistent_id.constraints import FixedCentresOfMass, FixedMasses, lowered
 from consistent_id.errors import ProblemError
@@ -80,6 +81,7 @@ class ExperimentExcitation:
     weakest: str
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class IdentifiedExperiment:
     """One experiment, identified by several methods.
@@ -100,6 +102,7 @@ class IdentifiedExperiment:
     vectors: Matrix
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ParameterTable:
     """A method's vectors over the experiments, with mean and standard deviation.
@@ -127,6 +130,7 @@ class ParameterTable:
         return np.asarray(self.vectors.std(axis=0, ddof=1))
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Reproduction:
     """All experiments of a laboratory, and the vector that was true.

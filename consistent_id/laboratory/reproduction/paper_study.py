@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.method import Method
 from consistent_id.excitation.design import design_trajectory
@@ -77,6 +78,7 @@ class ExcitingSet:
         }
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Extent:
     """The parts of a study that are done.
@@ -118,6 +120,7 @@ class ScatterPlaces:
     least_scattered: int
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperStudy:
     """A paper's study, reproduced.

@@ -7,12 +7,14 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 
 TORQUE = ("N m", "N")
 SPEED = ("rad/s", "m/s")
 
 
+@brief
 class JointSamples(NamedTuple):
     """One joint's samples: arrays of shape (samples,), or other numbers alike.
 
@@ -26,6 +28,7 @@ class JointSamples(NamedTuple):
     load: Any = None
 
 
+@brief
 class ShapeParameter(NamedTuple):
     """A number on which a term's columns depend nonlinearly.
 
