@@ -23,7 +23,7 @@ from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.rollout.commanded_motion import replayable
-from consistent_id.rollout.delay_search import NEAR, FoundDelay, found_delay
+from consistent_id.rollout.delay_search import NEAR, SAME, FoundDelay, found_delay
 from consistent_id.rollout.settings import (
     BLOCKS_OF_PART,
     Settings,
@@ -58,6 +58,8 @@ def delay_interval(
 ) -> tuple[float, float] | None:
     """Return the 95 % interval of a delay, by its scatter and by other friction.
 
+    It is wider by `SAME` at both ends: nearer delays are not distinguished.
+
     Parameters
     ----------
     found : FoundDelay
@@ -84,7 +86,8 @@ def delay_interval(
         if other.interval is None or not near:
             return None
         ends.append(other.interval)
-    return max(min(low for low, _ in ends), 0.0), max(high for _, high in ends)
+    low, high = min(low for low, _ in ends), max(high for _, high in ends)
+    return max(low - SAME, 0.0), high + SAME
 
 
 def delay_words(found: FoundDelay, interval: tuple[float, float] | None) -> str:

@@ -21,7 +21,9 @@ MOST = 0.02
 
 FIRST = (0.0, 0.005, 0.01, 0.02)  # s, tried first where nothing is known
 NEAR = 0.0025  # s, a neighbour of the best delay is at least as near as this
-_SAME = 0.0002  # s, between delays that are not distinguished
+SAME = 0.0002
+"""Difference of delays that are not distinguished, [s]."""
+
 _PARABOLAS = 3
 _QUANTILE = 0.975  # of Student's t, for 95 %
 _FINE = 1e-5  # s, of an upper limit
@@ -97,13 +99,15 @@ def found_delay(
     for _ in range(_PARABOLAS):
         best = min(tried, key=total)
         lowest = _lowest([(d, total(d)) for d in _around(tried, best)])
-        if min(abs(lowest - d) for d in tried) < _SAME:
+        if min(abs(lowest - d) for d in tried) < SAME:
             break
         total(lowest)
     best = min(tried, key=total)
-    for near in (best - NEAR, best + NEAR):
+    for near in (max(best - NEAR, 0.0), min(best + NEAR, most)):
+        if abs(near - best) < SAME:
+            continue
         closer = any(0.0 < (d - best) / (near - best) < 2.0 for d in tried if d != best)
-        if 0.0 <= near <= most and not closer:
+        if not closer:
             total(round(near, 6))
     best = min(tried, key=total)
     places = _around(tried, best)
@@ -114,7 +118,7 @@ def found_delay(
     vertex = _vertex(points)
     early = round(vertex, 6) < 0.0 or (vertex == best == 0.0 and len(points) > 2)
     early |= best == 0.0 and not np.isfinite(error)
-    at_bound = early or best >= most - _SAME
+    at_bound = early or best >= most - SAME
     limit = _limit(tried, total, most) if early else None
     error, blocks = np.inf if at_bound else error, len(tried[best])
     return FoundDelay(_lowest(points), error, at_bound, blocks, limit)

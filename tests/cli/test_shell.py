@@ -362,8 +362,9 @@ def test_demo_copies_the_problems_once_and_keeps_what_was_edited(
 
 
 def test_help_says_what_a_reason_means(capsys):
-    rules = Path(__file__).parents[2] / "consistent_id/estimation/judgement.py"
-    text = rules.read_text()
+    rules = Path(__file__).parents[2] / "consistent_id/estimation"
+    files = [rules / "judgement.py", *sorted(rules.glob("*_reasons.py"))]
+    text = "".join(file.read_text() for file in files)
     every = re.findall(r'Reason\(\s*"([^"]+)",\s*"([^"]+)"', text)
     kinds = {kind for kind, word in every if word != "use"}
     assert len(kinds) > 10

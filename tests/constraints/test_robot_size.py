@@ -20,7 +20,7 @@ from consistent_id import (
     low_passed,
 )
 from consistent_id.constraints.delivered_bodies import _axis, robot_size
-from consistent_id.estimation.judgement import INERTIA_REFUSED
+from consistent_id.estimation.body_reasons import INERTIA_REFUSED
 from consistent_id.robot import load_urdf
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import Link

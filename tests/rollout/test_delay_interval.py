@@ -10,8 +10,9 @@ from consistent_id.rollout.delay_interval import (
     delay_interval,
     delay_sentence,
     delay_words,
+    other_frictions,
 )
-from consistent_id.rollout.delay_search import MOST, FoundDelay
+from consistent_id.rollout.delay_search import MOST, SAME, FoundDelay, found_delay
 
 PLACES = np.array([0.006, 0.0075, 0.009, 0.0087])  # s, of blocks of equal weight
 STANDARD = PLACES.std(ddof=1) / np.sqrt(len(PLACES))
@@ -24,7 +25,7 @@ def least_at(places):
 
 
 def test_without_other_friction_it_is_the_scatter_between_blocks():
-    half = QUANTILE * FOUND.error
+    half = QUANTILE * FOUND.error + SAME
     expected = 0.007 - half, 0.007 + half
     assert delay_interval(FOUND, [], MOST) == pytest.approx(expected, rel=1e-6)
 
@@ -32,14 +33,15 @@ def test_without_other_friction_it_is_the_scatter_between_blocks():
 def test_it_contains_the_intervals_with_other_friction():
     others = [least_at(PLACES), least_at(PLACES + 0.004)]
     low, high = delay_interval(FOUND, others, MOST)
-    half = QUANTILE * STANDARD
-    assert low == pytest.approx(min(0.007 - QUANTILE * 1e-4, PLACES.mean() - half))
+    half = QUANTILE * STANDARD + SAME
+    own = 0.007 - QUANTILE * 1e-4 - SAME
+    assert low == pytest.approx(min(own, PLACES.mean() - half))
     assert high == pytest.approx(PLACES.mean() + 0.004 + half)
 
 
 def test_it_begins_at_none_if_with_other_friction_there_is_none():
     low, high = delay_interval(FOUND, [least_at(PLACES - 0.02)], MOST)
-    assert low == 0.0 and high == pytest.approx(0.007 + QUANTILE * FOUND.error)
+    assert low == 0.0 and high == pytest.approx(0.007 + QUANTILE * FOUND.error + SAME)
 
 
 def test_there_is_none_if_other_friction_has_a_delay_beyond_the_longest():
@@ -63,13 +65,13 @@ def test_that_of_no_delay_ends_at_the_longest_upper_limit_of_all_frictions():
     sooner = least_at(PLACES - 0.02)
     low, high = delay_interval(NONE, [sooner, later], MOST)
     assert low == 0.0
-    assert high == pytest.approx(0.003 + QUANTILE * STANDARD, rel=1e-3)
+    assert high == pytest.approx(0.003 + QUANTILE * STANDARD + SAME, rel=1e-3)
 
 
 @pytest.mark.parametrize("limit", [0.001, None])
 def test_that_of_no_delay_is_its_upper_limit(limit):
     interval = delay_interval(replace(NONE, limit=limit), [], MOST)
-    assert interval == (None if limit is None else (0.0, limit))
+    assert interval == (None if limit is None else (0.0, limit + SAME))
 
 
 def test_there_is_none_for_no_delay_if_other_friction_has_a_long_one():
@@ -108,11 +110,19 @@ def test_a_true_delay_is_inside_though_friction_is_of_another_kind(tmp_path):
     pytest.importorskip("mujoco")
     from commanded_leg import write_leg
 
-    from consistent_id.rollout.chosen_settings import chosen_settings
+    from consistent_id.rollout.chosen_settings import _Candidates, chosen_settings
 
     write_leg(tmp_path, delay=0.007, stribeck=0.8)
-    choice = chosen_settings(load_problem(tmp_path))
-    found = choice.delay
-    assert abs(found.delay - 0.007) > 2.0 * found.error  # by scatter it is outside
+    problem = load_problem(tmp_path)
+    choice = chosen_settings(problem)
+    assert choice.settings.least_joint_speed is not None
     low, high = choice.delay_interval
+    assert low < 0.007 < high < low + 0.006
+    # With all rows, the delay makes up for friction: by scatter it is outside.
+    rows = replace(choice.settings, least_joint_speed=None, cutoff=10.0)
+    candidates = _Candidates(problem)
+    found = found_delay(lambda d: candidates.squares(replace(rows, delay=d)))
+    assert abs(found.delay - 0.007) > 2.0 * found.error
+    others = other_frictions(problem, rows, candidates.parts)
+    low, high = delay_interval(found, others, MOST)
     assert low < 0.007 < high < low + 0.012
