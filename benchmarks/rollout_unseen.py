@@ -32,15 +32,12 @@ ROBOTS = {
     "Solo 12": Robot(
         "solo_description/robots/solo12.urdf", "base_link", 6.0, 0.15, 0.06, 0.002
     ),
-    "ANYmal B": Robot(
-        "anymal_b_simple_description/robots/anymal.urdf", "base", 85.0, 2.0, 1.5, 0.06
-    ),
     "UR5": Robot("ur_description/urdf/ur5_robot.urdf", None, 900.0, 40.0, 4.0, 0.5),
     "Kinova": Robot(
         "kinova_description/robots/kinova.urdf", None, 150.0, 8.0, 1.0, 0.1
     ),
-    "B1": Robot("b1_description/urdf/b1.urdf", "trunk", 180.0, 4.0, 1.5, 0.05),
-    "Panda": Robot("panda_description/urdf/panda.urdf", None, 400.0, 20.0, 1.5, 0.2),
+    "UR10": Robot("ur_description/urdf/ur10_robot.urdf", None, 900.0, 40.0, 4.0, 0.5),
+    "SO-101": Robot("so_arm_description/urdf/so101.urdf", None, 15.0, 0.6, 0.05, 0.01),
 }
 """None of them is among the robots with recordings, nor of `rollout_delays`."""
 
@@ -136,7 +133,7 @@ def _of_fit(done: ProblemRollout) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--seeds", default="0-5")
+    parser.add_argument("--seeds", default="0-9")
     parser.add_argument("--write", type=Path, help="page whose part is renewed")
     options = parser.parse_args()
     first, last = (int(seed) for seed in options.seeds.split("-"))
