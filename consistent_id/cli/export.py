@@ -273,10 +273,10 @@ def _torque_error(
             unseen or study.validation or study.training,
             selection=Selection(model.base, model.tip, model.joints, model.locked),
             source=source,
+            held_out=bool(unseen),
         )
-    except ConsistentIdError as cause:
+    except (ConsistentIdError, OSError) as cause:
         return None, [f"the torque error of the file is not known: {cause}"]
-    cost = replace(cost, held_out=bool(unseen))
     return asdict(cost), [str(cost)]
 
 

@@ -110,7 +110,7 @@ def factor_findings(
             f"bodies like the nominal ones explain the log much better {causes} "
             "(standard errors); otherwise, bodies would be "
             f"{_WITHOUT[best.factor.kind]}; an estimate that does not know it would be "
-            f"{best.harm:.0%} off in torque{_at_most(best)}",
+            f"{best.harm:.0%} off in torque{_at_most(best, rivals)}",
             _advice(best),
             min(best.ratio / gate_of(best.factor), abs(best.size) / best.factor.least),
             size="" if rivals else _size(best),
@@ -118,11 +118,14 @@ def factor_findings(
     ]
 
 
-def _at_most(found: FoundFactor) -> str:
-    """Return in words that harm is likely only with the standard error."""
-    if not found.harm < HARM <= found.may_harm:
+def _at_most(best: FoundFactor, rivals: Sequence[FoundFactor]) -> str:
+    """Return in words the harm of a larger factor, or of another, if that counts."""
+    worst = max((best, *rivals), key=lambda f: f.may_harm)
+    if not best.harm < HARM <= worst.may_harm:
         return ""
-    return f", or {found.may_harm:.0%} with a standard error more"
+    if worst.harm < HARM:
+        return f", or {worst.may_harm:.0%} with a standard error more"
+    return f", or {worst.harm:.0%} with the other cause"
 
 
 def _advice(found: FoundFactor) -> str:

@@ -175,7 +175,9 @@ def _of_findings(evidence: Evidence) -> Iterator[Reason]:
         places = dict.fromkeys((finding.recording, finding.where))
         where = ", ".join(place for place in places if place)
         said = f"{where}: {finding.statement}"
-        if word == "use with care" and _mistimed(finding, evidence.fit):
+        held_out = {error.recording for error in evidence.held_out}
+        learnt = finding.recording not in held_out
+        if word == "use with care" and learnt and _mistimed(finding, evidence.fit):
             word = "do not use"
             said += "; and the estimate leaves too much of the torque unexplained"
         factor, size = factor_of(finding, evidence.findings)

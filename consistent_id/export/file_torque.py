@@ -8,6 +8,7 @@ tendons is compiled by MuJoCo.  Other formats hold values that are read, see
 import ctypes
 import os
 import re
+import shlex
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.regression.drive.laws import direction
 from consistent_id.regression.regressor import TorqueModel
@@ -31,6 +33,11 @@ def file_torque(form: str, file: Path, estimate: Estimate) -> FileTorque | None:
     """Return the torque of a file that `exported` wrote; None if it is not computed.
 
     C needs a compiler: that of the environment variable ``CC``, or ``cc``.
+
+    Raises
+    ------
+    ModelError
+        If there is no compiler, or it fails.
     """
     robot = estimate.model.robot
     if robot.floating:
@@ -63,18 +70,10 @@ def _of_casadi(file: Path) -> FileTorque:
     return torque
 
 
-def _of_c(file: Path, joints: int) -> FileTorque | None:
-    compiler = shutil.which(os.environ.get("CC", "cc"))
-    declared = re.search(r"void (\w+_inverse_dynamics)\(", file.read_text())
-    if compiler is None or declared is None:
-        return None
-    library = file.with_suffix(".shared")
-    command = [compiler, "-shared", "-fPIC", "-o", str(library), str(file), "-lm"]
-    try:
-        subprocess.run(command, check=True, capture_output=True, timeout=_PATIENCE)
-        function = getattr(ctypes.CDLL(str(library)), declared[1])
-    except (subprocess.SubprocessError, OSError):
-        return None
+def _of_c(file: Path, joints: int) -> FileTorque:
+    text = file.read_text(encoding="utf-8")
+    (name,) = set(re.findall(r"void (\w+_inverse_dynamics)\(", text))
+    function = getattr(_compiled_c(file), name)
     function.restype = None
     place = ctypes.POINTER(ctypes.c_double)
     function.argtypes = [place] * 4
@@ -88,6 +87,26 @@ def _of_c(file: Path, joints: int) -> FileTorque | None:
         return tau
 
     return torque
+
+
+def _compiled_c(file: Path) -> ctypes.CDLL:
+    """Compile a source, and load it."""
+    stated = os.environ.get("CC", "cc")
+    words = shlex.split(stated) or ["cc"]
+    if shutil.which(words[0]) is None:
+        raise ModelError(f"no C compiler {stated!r} (environment variable CC) is found")
+    library = file.with_suffix(".shared")
+    command = [*words, "-x", "c", "-shared", "-fPIC", "-o", str(library), str(file)]
+    try:
+        done = subprocess.run(
+            [*command, "-lm"], capture_output=True, text=True, timeout=_PATIENCE
+        )
+        if done.returncode == 0:
+            return ctypes.CDLL(str(library))
+    except (subprocess.SubprocessError, OSError) as cause:
+        raise ModelError(f"the C compiler {stated!r} failed: {cause}") from None
+    seen = next((k for k in done.stderr.splitlines() if "error" in k), "no message")
+    raise ModelError(f"the C compiler {stated!r} refuses the source: {seen}")
 
 
 def _of_tendons(file: Path, model: TorqueModel) -> FileTorque | None:

@@ -59,6 +59,7 @@ def format_cost(
     *,
     selection: Selection,
     source: Path | None = None,
+    held_out: bool = True,
 ) -> FormatCost:
     """Export an estimate, read the file back and return its torque error.
 
@@ -75,6 +76,8 @@ def format_cost(
         Joints of the source that are the robot's.
     source : Path, optional
         See `exported`.
+    held_out : bool
+        Whether the estimate was not fitted to the recordings.
 
     Raises
     ------
@@ -109,7 +112,7 @@ def format_cost(
             errors = [error_by(torque, estimate.model, log) for log in recordings]
     names = tuple(dict.fromkeys(log.name for log in recordings))
     loaded = read is not None or torque is not None
-    return FormatCost(_mean(errors), _mean(own), names, True, loaded)
+    return FormatCost(_mean(errors), _mean(own), names, held_out, loaded)
 
 
 def error_by(torque: FileTorque, model: TorqueModel, recording: Recording) -> float:

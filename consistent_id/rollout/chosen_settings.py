@@ -14,6 +14,7 @@ from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.estimation.transmission_springs import joint_springs
 from consistent_id.problems.problem import Problem
 from consistent_id.robot.chains import mirrored_motors
+from consistent_id.robot.scaling import placeholders
 from consistent_id.rollout.delay_interval import (
     ALIKE,
     SPEEDS,
@@ -188,9 +189,11 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     best = min((best, replace(best, delay=found.delay)), key=error)
     if not np.isfinite(error(best)):
         raise candidates.none_found()
-    others = other_frictions(problem, best, candidates.parts)
-    if best.least_joint_speed is None and error(rested) <= ALIKE * error(best):
-        others.append(lambda delay: candidates.squares(replace(rested, delay=delay)))
+    others = other_frictions(problem, best, candidates.parts, candidates.squares)
+    tried_without = rested.least_joint_speed is not None
+    if tried_without and best.least_joint_speed is None:
+        if error(rested) <= ALIKE * error(best):
+            others.append(lambda d: candidates.squares(replace(rested, delay=d)))
     tried = tuple(candidates.tried.items())
     skipped = list(candidates.skipped)
     if unbounded := _without_range(problem):
@@ -264,7 +267,7 @@ def _with_bodies(
     drives lacks.
     """
     stated = problem.table.constraints.bodies == "model"
-    if stated or problem.model.robot.nominal is None:
+    if stated or not _has_bodies(problem):
         return best
     kept, error = replace(best, bodies="model"), candidates.error
     near = [kept.delay - NEAR, kept.delay, kept.delay + NEAR]
@@ -280,8 +283,12 @@ def _without_rests(
     Friction that holds a joint has any value that balances it.  A torque fit that
     predicts a certain value there is wrong, and bodies, damping and delay make up for
     it, more so with a high cut-off.  So cut-off and delay are found again without these
-    rows.  Where joints are slow for most of the motion, too few rows are left.
+    rows.  Where joints are slow for most of the motion, too few rows are left.  If the
+    problem states which rows are left out, these are.
     """
+    data = problem.table.data
+    if data is None or data.preparation.least_joint_speed is not None:
+        return start
     error, usable = candidates.error, cutoffs(problem)
     higher = min((c for c in usable if c >= _QUICK), default=start.cutoff)
     best = replace(start, least_joint_speed=SPEEDS[0], cutoff=higher)
@@ -413,7 +420,7 @@ def with_springs(
         Error of rollouts that were not used for training.
     """
     known = np.isfinite(gains_of(problem).stiffness).any()
-    if known or problem.model.robot.nominal is None:
+    if known or not _has_bodies(problem):
         return best
     made = with_settings(problem, best)
     found = joint_springs(
@@ -426,6 +433,12 @@ def with_springs(
         return best
     sprung = replace(best, stiffness=tuple(found.stiffness.tolist()))
     return sprung if error(sprung) < (1.0 - WORTH) * error(best) else best
+
+
+def _has_bodies(problem: Problem) -> bool:
+    """Return whether the robot's file states inertias, which are no placeholders."""
+    robot = problem.model.robot
+    return robot.nominal is not None and not placeholders(robot)
 
 
 def cutoffs(problem: Problem) -> list[float]:

@@ -30,7 +30,6 @@ from consistent_id.rollout.settings import (
     Spans,
     block_squares,
     compared_fit,
-    squares_of_parts,
     with_settings,
     within,
 )
@@ -104,28 +103,37 @@ def delay_words(found: FoundDelay, interval: tuple[float, float] | None) -> str:
     return f"{delay} ({low:.1f} to {high:.1f} ms, 95 %)"
 
 
-def delay_sentence(found: FoundDelay, interval: tuple[float, float] | None) -> str:
-    """Return a delay and its interval with the evidence, or why it has none."""
+def delay_sentence(
+    found: FoundDelay, interval: tuple[float, float] | None, *, rested: bool = False
+) -> str:
+    """Return a delay and its interval with the evidence, or why it has none.
+
+    Parameters
+    ----------
+    rested : bool
+        Whether rows of slow joints are left out, so that friction was not varied.
+    """
+    other = "other rows of slow joints" if rested else "friction of another kind"
     words = delay_words(found, interval)
     if found.at_bound and found.delay > 0.0:
         return f"{words}: check the clock of commands"
     if interval is None:
         better = "longer ones predict as well" if found.at_bound else "none is best"
-        return (
-            f"{words}: with friction of another kind, or without a block of the "
-            f"motion, {better}"
-        )
+        return f"{words}: with {other}, or without a block of the motion, {better}"
     evidence = (
-        f"{words}: from the scatter between blocks of the motion and friction of "
-        "other kinds; bodies that are not the robot's may shift it by more"
+        f"{words}: from the scatter between blocks of the motion, and with {other}; "
+        "bodies that are not the robot's may shift it by more"
     )
-    if found.at_bound and interval[1] == 0.0:
+    if found.at_bound and interval[1] <= SAME:
         evidence += "; commands may be logged later than they act: check their clock"
     return evidence
 
 
 def other_frictions(
-    problem: Problem, settings: Settings, parts: tuple[Spans, Spans]
+    problem: Problem,
+    settings: Settings,
+    parts: tuple[Spans, Spans],
+    known: Callable[[Settings], Vector],
 ) -> list[Callable[[float], Vector]]:
     """Return, for each other kind of friction, the squared errors for a delay [s].
 
@@ -140,36 +148,58 @@ def other_frictions(
         Those that were chosen.
     parts : tuple
         See `squares_of_parts`.
+    known : callable
+        ``settings -> squares_of_parts``, which has some of them already.
     """
-    kinds = _kinds(problem, settings)
+    if without_rests(problem, settings):
+        # Friction that replays lack is not known without rows of slow joints.
+        least = known(settings).sum()
+        kinds = [
+            kind
+            for kind in _other_rows(problem, settings)
+            if known(kind).sum() <= ALIKE**2 * least
+        ]
+        return [partial(_delayed, known, kind) for kind in kinds]
 
     def squares(kind: Settings, delay: float) -> Vector:
         made = with_settings(problem, replace(kind, delay=delay))
         try:
-            # Without rows of slow joints, friction that replays lack is not known.
-            rested = kind.least_joint_speed is not None
-            return squares_of_parts(made, parts) if rested else _squares(made, parts)
+            return _squares(made, parts)
         except ConsistentIdError:
             return np.full(2 * BLOCKS_OF_PART, np.inf)
 
-    built = [kind for kind in kinds if _is_built(problem, kind)]
-    if settings.least_joint_speed is not None:
-        least = squares(settings, settings.delay).sum()
-        built = [k for k in built if squares(k, k.delay).sum() <= ALIKE**2 * least]
-    return [partial(squares, kind) for kind in built]
+    kinds = [kind for kind in _kinds(problem, settings) if _is_built(problem, kind)]
+    return [partial(squares, kind) for kind in kinds]
+
+
+def without_rests(problem: Problem, settings: Settings) -> bool:
+    """Return whether rows of slow joints are left out, by settings or by the file."""
+    data = problem.table.data
+    stated = None if data is None else data.preparation.least_joint_speed
+    return settings.least_joint_speed is not None or stated is not None
+
+
+def _delayed(
+    known: Callable[[Settings], Vector], kind: Settings, delay: float
+) -> Vector:
+    return known(replace(kind, delay=delay))
+
+
+def _other_rows(problem: Problem, settings: Settings) -> list[Settings]:
+    """Return settings with other rows of slow joints left out, and other cut-offs."""
+    own, highest = settings.least_joint_speed, _highest(problem)
+    kinds = [replace(settings, least_joint_speed=v) for v in SPEEDS if v != own]
+    cutoffs = (settings.cutoff / _STEP, settings.cutoff * _STEP)
+    return kinds + [replace(settings, cutoff=c) for c in cutoffs if c < highest]
+
+
+def _highest(problem: Problem) -> float:
+    """Return a cut-off that training logs are too slow for, [Hz]."""
+    return 0.4 * min(log.rate for log in problem.logs("training"))
 
 
 def _kinds(problem: Problem, settings: Settings) -> list[Settings]:
-    """Return settings with other friction, or with other rows of slow joints left out.
-
-    Rows at speeds at which friction of another kind is another torque are left out with
-    those of slow joints.
-    """
-    own = settings.least_joint_speed
-    if own is not None:
-        rows = [replace(settings, least_joint_speed=v) for v in SPEEDS if v != own]
-        cutoffs = (settings.cutoff / _STEP, settings.cutoff * _STEP)
-        return rows + [replace(settings, cutoff=cutoff) for cutoff in cutoffs]
+    """Return settings with friction of other kinds."""
     speed = _speed(problem.logs("training"))
     kinds = [replace(settings, velocity_scale=_SHARPER * settings.velocity_scale)]
     kinds += [replace(settings, stribeck_velocity=share * speed) for share in _FADES]

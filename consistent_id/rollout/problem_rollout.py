@@ -35,7 +35,11 @@ from consistent_id.rollout.chosen_settings import (
     motor_sentence,
 )
 from consistent_id.rollout.compared_models import Rollout, rollout
-from consistent_id.rollout.delay_interval import delay_sentence, delay_words
+from consistent_id.rollout.delay_interval import (
+    delay_sentence,
+    delay_words,
+    without_rests,
+)
 from consistent_id.rollout.delay_search import FoundDelay
 from consistent_id.rollout.refine import Refined, refined
 from consistent_id.rollout.refinement_choice import RidgeChoice, chosen_ridge
@@ -157,7 +161,9 @@ class ProblemRollout:
             f"{len(choice.tried)}"
         ]
         if choice.delay is not None:
-            notes.append(delay_sentence(choice.delay, choice.delay_interval))
+            rested = without_rests(self.problem, s)
+            found, interval = choice.delay, choice.delay_interval
+            notes.append(delay_sentence(found, interval, rested=rested))
         stated = self.problem.table.constraints.equal_motors
         if motors := motor_sentence(choice, stated):
             notes.append(motors)
@@ -256,6 +262,8 @@ class ProblemRollout:
                 "simulated_terms_only": s.simulated,
                 "spring": s.spring,
                 "couplings": s.couplings,
+                "least_joint_speed": s.least_joint_speed,
+                "bodies": s.bodies,
                 "skipped": list(self.settings.skipped),
                 "stiffness": {
                     joint: k

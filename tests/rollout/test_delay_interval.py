@@ -68,6 +68,16 @@ def test_that_of_no_delay_ends_at_the_longest_upper_limit_of_all_frictions():
     assert high == pytest.approx(0.003 + QUANTILE * STANDARD + SAME, rel=1e-3)
 
 
+def test_commands_that_are_logged_late_are_told_to_check_their_clock():
+    late = FoundDelay(0.0, np.inf, True, 4, limit=0.0)
+    interval = delay_interval(late, [], MOST)
+    assert interval == (0.0, SAME)
+    assert "check their clock" in delay_sentence(late, interval)
+    assert "check their clock" not in delay_sentence(
+        NONE, delay_interval(NONE, [], MOST)
+    )
+
+
 @pytest.mark.parametrize("limit", [0.001, None])
 def test_that_of_no_delay_is_its_upper_limit(limit):
     interval = delay_interval(replace(NONE, limit=limit), [], MOST)
@@ -123,6 +133,6 @@ def test_a_true_delay_is_inside_though_friction_is_of_another_kind(tmp_path):
     candidates = _Candidates(problem)
     found = found_delay(lambda d: candidates.squares(replace(rows, delay=d)))
     assert abs(found.delay - 0.007) > 2.0 * found.error
-    others = other_frictions(problem, rows, candidates.parts)
+    others = other_frictions(problem, rows, candidates.parts, candidates.squares)
     low, high = delay_interval(found, others, MOST)
     assert low < 0.007 < high < low + 0.012

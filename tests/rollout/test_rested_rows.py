@@ -1,5 +1,7 @@
 """Rows of slow joints, and bodies: settings that rollouts choose, and their delays."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
@@ -9,13 +11,19 @@ from commanded_leg import write_leg
 
 from consistent_id import load_problem
 from consistent_id.constraints import FixedBodies
+from consistent_id.rollout import chosen_settings as choice_module
 from consistent_id.rollout.chosen_settings import (
     _Candidates,
     _with_bodies,
     _without_rests,
     chosen_settings,
 )
-from consistent_id.rollout.delay_interval import ALIKE, SPEEDS, other_frictions
+from consistent_id.rollout.delay_interval import (
+    ALIKE,
+    SPEEDS,
+    other_frictions,
+    without_rests,
+)
 from consistent_id.rollout.delay_search import MOST
 from consistent_id.rollout.problem_rollout import rollout_of
 from consistent_id.rollout.settings import (
@@ -72,6 +80,45 @@ def test_rows_of_slow_joints_stay_where_little_is_left_without_them(problem):
     assert len(candidates.tried) <= 4  # it is seen soon
 
 
+def test_rows_that_the_problem_leaves_out_stay_left_out(problem):
+    stated = with_settings(problem, Settings(least_joint_speed=0.3))
+    candidates = Stated(stated, lambda s: 1.0 - 0.5 * (s.least_joint_speed is not None))
+    assert _without_rests(Settings(), stated, candidates, MOST) == Settings()
+    assert not candidates.tried
+    assert without_rests(stated, Settings())
+    assert not without_rests(problem, Settings())
+    assert without_rests(problem, Settings(least_joint_speed=0.05))
+
+
+def test_settings_that_were_not_tried_without_rows_say_nothing_of_a_delay(
+    problem, monkeypatch
+):
+    counted = []
+    monkeypatch.setattr(choice_module, "_without_rests", lambda start, *_: start)
+    monkeypatch.setattr(
+        choice_module,
+        "delay_interval",
+        lambda found, others, most: counted.extend(others),
+    )
+    chosen_settings(problem)
+    assert len(counted) == 4  # the other kinds of friction
+
+
+def test_the_record_has_each_setting(problem):
+    from consistent_id.problems.study import Study
+
+    done = rollout_of(Study(problem), choose=True)
+    names = {"simulated": "simulated_terms_only"}
+    recorded = done.to_dict()["settings"]
+    chosen = done.settings.settings
+    hidden = ("stribeck_velocity", "load_friction")  # never chosen
+    for field in fields(Settings):
+        if field.name not in hidden:
+            assert names.get(field.name, field.name) in recorded
+    assert recorded["least_joint_speed"] == chosen.least_joint_speed
+    assert recorded["bodies"] == chosen.bodies
+
+
 @pytest.mark.parametrize(("kept", "better"), [(0.9, True), (1.1, False)])
 def test_bodies_are_the_file_s_where_these_predict_better(problem, kept, better):
     identified = with_bodies_identified(problem)
@@ -111,9 +158,10 @@ def test_settings_state_the_speed_below_which_rows_are_left_out(problem):
 def test_delays_with_other_rows_left_out_count_if_they_predict_as_well(problem):
     parts = slow_and_fast(problem)
     settings = Settings(cutoff=15.0, delay=0.003, least_joint_speed=0.02)
-    others = other_frictions(problem, settings, parts)
+    candidates = _Candidates(problem)
+    others = other_frictions(problem, settings, parts, candidates.squares)
     assert others
-    own = _Candidates(problem).error(settings)
+    own = candidates.error(settings)
     for squares in others:
         assert np.sqrt(squares(0.003).sum()) <= ALIKE * own
 

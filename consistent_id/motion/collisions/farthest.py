@@ -5,6 +5,7 @@ joints' ranges.  A scene is refused only if no such pose keeps a pair apart, and
 the largest distance that was found.
 """
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -121,7 +122,8 @@ def _climbed(
 def pose_words(robot: RobotModel, pose: Vector, joints: Sequence[int] = ()) -> str:
     """Return a pose as text: the position of each joint, or of some by index."""
     chosen = joints or range(len(pose))
-    return ", ".join(f"{robot.joint_names[j]} = {pose[j]:.3f}" for j in chosen)
+    shown = np.round(pose, 3) + 0.0  # no -0.000
+    return ", ".join(f"{robot.joint_names[j]} = {shown[j]:.3f}" for j in chosen)
 
 
 def _where(scene: Scene, found: FarthestPose) -> str:
@@ -186,7 +188,7 @@ def _rounded_down(metres: float) -> float:
 
 
 def _allow(names: tuple[str, str]) -> str:
-    return f"name the pair: --allowed {','.join(names)}"
+    return f"name the pair: --allowed {shlex.quote(','.join(names))}"
 
 
 def _worst(
