@@ -363,6 +363,13 @@ def test_a_solution_without_a_point_is_refused(status, x, z):
     assert point_of(fine).tolist() == [2.0]
 
 
+def test_a_solver_that_diverged_has_no_point():
+    """The square of its misfit would overflow."""
+    found = SimpleNamespace(status="InsufficientProgress", x=[1.0, -3e140], z=[1.0])
+    with pytest.raises(SolverError, match=r"numbers of 3\.0e\+140.*it diverged"):
+        point_of(found)
+
+
 @pytest.mark.parametrize(("A", "b"), [(np.nan, 1.0), (1.0, np.inf)])
 @pytest.mark.parametrize("equal", [True, False])
 def test_a_row_that_is_not_of_finite_numbers_is_refused_by_its_name(A, b, equal):

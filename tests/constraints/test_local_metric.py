@@ -19,7 +19,7 @@ from consistent_id.constraints.cones.least_norm import (
     FreeOptimum,
     LeastNorm,
 )
-from consistent_id.constraints.cones.local_metric import solve_about
+from consistent_id.constraints.cones.local_metric import _metric, solve_about
 from consistent_id.constraints.cones.programmes import Ball, Multipliers
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
 
@@ -60,6 +60,21 @@ def test_about_any_point_the_nearest_semidefinite_matrix_is_found(seed, sizes):
     np.testing.assert_allclose(gradient, rest, atol=2e-5 * abs(problem.G).max())
     proof = certify(problem, solution, ball, reference=0.5)
     assert proof.gap < 1e-9 and proof.violation < FEASIBILITY_TOLERANCE
+
+
+@pytest.mark.parametrize("times", [1.0, 1e7, 1e14])
+def test_the_metric_keeps_the_digits_of_rows_far_smaller_than_others(times):
+    rng = np.random.default_rng(0)
+    links, misfit = rng.normal(size=(8, 6)), times * rng.normal(size=(3, 6))
+    metric, (of_links, of_misfit) = _metric([links, misfit])
+    np.testing.assert_allclose(links @ metric, of_links, atol=1e-13)
+    rows = np.vstack([of_links, of_misfit])
+    np.testing.assert_allclose(rows.T @ rows, np.eye(6), atol=1e-13)
+    # Steps without misfit keep their lengths in the links' rows.
+    flat = np.linalg.svd(misfit / times)[2][3:].T
+    steps = np.linalg.solve(metric, flat)
+    np.testing.assert_allclose(links @ flat, of_links @ steps, atol=1e-12)
+    assert abs(of_misfit @ steps).max() < 1e-14 * times + 1e-12
 
 
 def test_pins_bounds_and_equalities_have_the_multipliers_of_the_problem():
@@ -180,6 +195,29 @@ def test_where_nothing_else_proves_an_optimum_it_is_solved_about_the_best_point(
         problem, solution, within, start=10.0 + answer, reference=0.5
     )
     assert found is solution
+
+
+def test_multipliers_found_at_a_far_point_prove_the_nearer_one(monkeypatch):
+    """Where an objective is flat, rounding leaves no proof of a point far away."""
+    problem, answer = nearest_matrix(0)
+    none = FreeOptimum(None, None)
+    monkeypatch.setattr(certificate, "free_optimum", lambda problem, centre: none)
+    solve = certificate.solve_least_norm
+
+    def inaccurate(problem, **options):
+        solution = solve(problem, **options)
+        return replace(solution, multipliers=solution.multipliers.times(0.999))
+
+    def far_away(*args, **options):
+        solution = solve_about(*args, **options)
+        return replace(solution, u=2.0 * solution.u)
+
+    monkeypatch.setattr(certificate, "solve_least_norm", inaccurate)
+    monkeypatch.setattr(certificate, "solve_half_square", refused)
+    monkeypatch.setattr(certificate, "solve_about", far_away)
+    solution, proof = solve_certified(problem, np.zeros(6), reference=0.5)
+    assert proof.verdict == "certified"
+    assert np.linalg.norm(problem.G @ (solution.u - answer)) < 1e-5
 
 
 def test_of_points_outside_the_one_that_is_outside_least_is_the_best():

@@ -31,6 +31,12 @@ THIN = [127, 293, 448, 466, 636, 972]
 JUMPS = [297, 336, 867, 905]
 """No weight of the prior uses up the slack: the optimum jumps."""
 
+FLAT = [887]
+"""Robots far away fit nearly as well, but rounding leaves no proof of them."""
+
+DIVERGES = 306
+"""No robot is light enough for the torque; a solver's point has a size of 1e140."""
+
 
 @pytest.fixture(scope="module")
 def odd_torque():
@@ -57,7 +63,10 @@ def fitted(odd_torque, seed):
     return constrained_fit(problem, None)
 
 
-@pytest.mark.parametrize("seed", some_fast(FAR) + some_fast(THIN) + some_fast(JUMPS))
+@pytest.mark.parametrize(
+    "seed",
+    some_fast(FAR) + some_fast(THIN) + some_fast(JUMPS) + some_fast(FLAT),
+)
 def test_an_optimum_that_another_solver_finds_is_certified(odd_torque, seed):
     found = fitted(odd_torque, seed)
     assert found.certified, found.proof.statement
@@ -85,3 +94,10 @@ def test_its_figures_are_those_of_the_point_that_is_delivered(odd_torque, seed):
     whole = max(least + scaled.residual**2, 1.0)
     used = (final.excess - least) / (((1.0 + found.slack) ** 2 - 1.0) * whole)
     assert used <= 1.0 + 1e-6
+
+
+@pytest.mark.slow
+def test_a_solver_that_diverges_leaves_doubt_and_no_warning(odd_torque):
+    outcome = odd_torque.run(DIVERGES, small=True)
+    assert outcome.verdict == "uncertified" and not outcome.agrees
+    assert outcome.warned == ()

@@ -17,7 +17,7 @@ and reaches `RADIUS` times as far as ``u`` is from it, or in a ball that is give
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -271,9 +271,10 @@ def solve_certified(
     The methods are: without inequalities, if the result satisfies them; at several
     tolerances, for large problems first unrefined, and magnified; within the ball of
     the proof; about the best point so far; with half the square; about the best point
-    in units of the room there (`solve_about`).  If a larger gap is
-    enough, the square and a coarse tolerance are tried first.  If two results show that
-    the objective is `_FLAT`, other tolerances are skipped, and each ball is tried once.
+    in units of the room there (`solve_about`); and that point again with multipliers
+    found about it.  If a larger gap is enough, the square and a coarse tolerance are
+    tried first.  If two results show that the objective is `_FLAT`, other tolerances
+    are skipped, and each ball is tried once.
 
     Raises
     ------
@@ -358,7 +359,11 @@ def _ways(
         yield partial(solve_about, problem, u, ball, scale=scale)
         if len(found) == known:  # it failed, and would fail again
             return
-        solution, optimality = found[-1]
+        about = found[-1]
+        # Where the objective is flat, it may be far away, where rounding is large.  Its
+        # multipliers prove the nearer point, too.
+        yield partial(replace, about[0], u=u)
+        solution, optimality = about
 
 
 def proven_within(

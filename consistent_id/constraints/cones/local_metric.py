@@ -16,6 +16,7 @@ The transformation is exact: multipliers ``Z`` of transformed links are ``T Z T`
 links themselves.  Certificates check the result in the original coordinates.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -101,15 +102,21 @@ def solve_about(
     u[free] = start[free]
     times = _MAGNIFIED / scale
     rows = G[:, free] * np.sqrt(times)
-    slope = times * (G.T @ (G @ u - problem.g))[free]
+    residual = np.sqrt(times) * (G @ u - problem.g)
     ball = within.moved(u).rows()
     ball = replace(ball, A=ball.A[:, free])
     room = _in_units_of_room(*reduced.about(u[free]), far=float(abs(u).max()))
-    metric = _metric(
-        np.vstack([room.blocks.A, room.at_most.A, ball.A, rows]), len(slope)
+    metric, (blocks, at_most, ball_rows, rows) = _metric(
+        [room.blocks.A, room.at_most.A, ball.A, rows]
     )
-    point = _cheapest_step(rows, slope, [*room[:3], ball], metric)
-    u[free] += metric @ point.x[-len(slope) :]
+    cones = [
+        replace(room.equal, A=room.equal.A @ metric),
+        replace(room.at_most, A=at_most),
+        replace(room.blocks, A=blocks),
+        replace(ball, A=ball_rows),
+    ]
+    point = _cheapest_step(rows, residual, cones)
+    u[free] += metric @ point.x[-len(metric) :]
     return ConeSolution(
         domain.snapped(u),
         all_multipliers(
@@ -146,29 +153,38 @@ def _in_units_of_room(
     )
 
 
-def _metric(rows: Matrix, size: int) -> Matrix:
-    """Return ``V`` such that ``||rows V e|| = ||e||``."""
-    from scipy.linalg import solve_triangular
+def _metric(parts: Sequence[Matrix]) -> tuple[Matrix, list[Matrix]]:
+    """Return ``V`` such that ``||A V e|| = ||e||``, and ``A V`` of each of the parts.
 
-    R = np.linalg.qr(rows, mode="r")
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        return np.asarray(solve_triangular(R, np.eye(size), check_finite=False))
-
-
-def _cheapest_step(
-    G: Matrix, slope: Vector, cones: list[ConeRows], metric: Matrix
-) -> ConePoint:
-    """Minimise ``slope.d + 1/2 ||G d||^2`` over steps ``d = metric @ e`` in cones.
-
-    Variables are ``(r, e)`` with ``r = G d`` up to a rotation.
+    ``A`` are the parts under each other; it has full rank.  Rows of the misfit may be
+    1e14 times those of links.  Householder's method keeps the digits of small rows if
+    large ones come first and columns are pivoted [Cox1998]_.  Parts of the orthonormal
+    factor have all digits that products with ``V`` lose.
     """
-    R = np.asarray(np.linalg.qr(G @ metric, mode="r"))
+    from scipy.linalg import qr, solve_triangular
+
+    A = np.vstack(parts)
+    order = np.argsort(-abs(A).max(axis=1), kind="stable")
+    Q = np.empty(A.shape)
+    Q[order], R, pivots = qr(
+        A[order], mode="economic", pivoting=True, check_finite=False
+    )
+    V = np.empty(R.shape)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        V[pivots] = solve_triangular(R, np.eye(len(R)), check_finite=False)
+    return V, np.split(Q, np.cumsum([len(part) for part in parts])[:-1])
+
+
+def _cheapest_step(G: Matrix, residual: Vector, cones: list[ConeRows]) -> ConePoint:
+    """Minimise ``1/2 ||residual + G e||^2`` over steps `e` in cones.
+
+    Variables are ``(r, e)`` with ``r = G e`` up to a rotation; the square of the
+    residual itself is left out.
+    """
+    R = np.asarray(np.linalg.qr(G, mode="r"))
     count, size = R.shape
-    rows = [
-        replace(c, A=np.hstack([np.zeros((len(c.b), count)), c.A @ metric]))
-        for c in cones
-    ]
+    rows = [replace(c, A=np.hstack([np.zeros((len(c.b), count)), c.A])) for c in cones]
     rows.insert(-1, ConeRows("zero", np.hstack([np.eye(count), -R]), np.zeros(count)))
-    cost = np.append(np.zeros(count), metric.T @ slope)
+    cost = np.append(np.zeros(count), G.T @ residual)
     curvature = np.where(np.arange(count + size) < count, 1.0, 0.0)
     return solve_cones(cost, rows, tolerance=_TOLERANCE, curvature=curvature)

@@ -29,6 +29,11 @@ from consistent_id.errors import SolverError
 ConeKind = Literal["zero", "nonnegative", "second order", "semidefinite"]
 
 _ITERATIONS = 100  # ten to thirty are usual; more are spent along flat directions
+_DIVERGED = 1e50
+"""Numbers, typically near one, beyond which a solver has diverged: they hold no digit
+of any other number, and squares of what they lead to overflow.
+"""
+
 COARSE = 1e-6
 """Tolerance from which Clarabel's linear systems are not refined: refinement takes a
 quarter of its time, and does not change the digits of such a tolerance.
@@ -187,7 +192,7 @@ def point_of(solution: Any) -> Vector:
     Raises
     ------
     SolverError
-        If there is none.
+        If there is none, or if it diverged.
     """
     x, z = np.asarray(solution.x), np.asarray(solution.z)
     status = str(solution.status)
@@ -195,6 +200,12 @@ def point_of(solution: Any) -> Vector:
     ray = status.endswith("Infeasible")
     if ray or not (np.isfinite(x).all() and np.isfinite(z).all()):
         raise SolverError(f"Clarabel ended {status!r} without a point")
+    size = float(abs(x).max(initial=0.0))
+    if size > _DIVERGED:
+        raise SolverError(
+            f"Clarabel ended {status!r} at numbers of {size:.1e}, expected at most "
+            f"{_DIVERGED:.0e}: it diverged; check the sizes of torque and model"
+        )
     return x
 
 
