@@ -349,6 +349,22 @@ def _ways(
             tried.add((id(start), tolerance))
             yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
     yield from (partial(solve_half_square, problem, times=t) for t in _MAGNIFIED)
+    for pivoted in (False, True):
+        yield from _local_ways(
+            problem, centre, found, within, reference=reference, pivoted=pivoted
+        )
+
+
+def _local_ways(
+    problem: LeastNorm,
+    centre: Vector,
+    found: Sequence[_Proven],
+    within: Ball,
+    *,
+    reference: float,
+    pivoted: bool,
+) -> Iterator[Callable[[], ConeSolution]]:
+    """Yield cone programmes about the best point so far, then about their results."""
     solution, optimality = min(found, key=_quality)
     for _ in range(_LOCAL):
         u, scale, known = solution.u, max(optimality.objective, reference), len(found)
@@ -356,13 +372,14 @@ def _ways(
             return
         away = RADIUS * float(np.linalg.norm(u - centre))
         ball = Ball(centre, max(within.radius, away))
-        yield partial(solve_about, problem, u, ball, scale=scale)
+        yield partial(solve_about, problem, u, ball, scale=scale, pivoted=pivoted)
         if len(found) == known:  # it failed, and would fail again
             return
         about = found[-1]
-        # Where the objective is flat, it may be far away, where rounding is large.  Its
-        # multipliers prove the nearer point, too.
-        yield partial(replace, about[0], u=u)
+        if pivoted:
+            # Where the objective is flat, it may be far away, where rounding is large.
+            # Its multipliers prove the nearer point, too.
+            yield partial(replace, about[0], u=u)
         solution, optimality = about
 
 
@@ -384,13 +401,13 @@ def proven_within(
         certify, problem, within=within, reference=reference, beyond=False
     )
     found = [(solution, proof_of(solution))]
-    for _ in range(_LOCAL):
+    for pivoted in _LOCAL * [False] + [True]:
         optimality = found[-1][1]
         scale = max(optimality.objective, reference)
         if optimality.verdict == "certified" or not 0.0 < scale < np.inf:
             break
         try:
-            solution = solve_about(problem, start, within, scale=scale)
+            solution = solve_about(problem, start, within, scale=scale, pivoted=pivoted)
         except SolverError:
             break
         found.append((solution, proof_of(solution)))

@@ -80,7 +80,12 @@ class _Room(NamedTuple):
 
 
 def solve_about(
-    problem: LeastNorm, start: Vector, within: Ball, *, scale: float
+    problem: LeastNorm,
+    start: Vector,
+    within: Ball,
+    *,
+    scale: float,
+    pivoted: bool = True,
 ) -> ConeSolution:
     """Solve the problem within a ball, by a step from a point near its solution.
 
@@ -90,6 +95,8 @@ def solve_about(
         The point; it need not be feasible.
     scale : float
         Size of the objective, half a square, of which a small part is to be accurate.
+    pivoted : bool
+        Whether rows are sorted and columns pivoted, see `_metric`.
 
     Raises
     ------
@@ -107,7 +114,7 @@ def solve_about(
     ball = replace(ball, A=ball.A[:, free])
     room = _in_units_of_room(*reduced.about(u[free]), far=float(abs(u).max()))
     metric, (blocks, at_most, ball_rows, rows) = _metric(
-        [room.blocks.A, room.at_most.A, ball.A, rows]
+        [room.blocks.A, room.at_most.A, ball.A, rows], pivoted=pivoted
     )
     cones = [
         replace(room.equal, A=room.equal.A @ metric),
@@ -153,17 +160,26 @@ def _in_units_of_room(
     )
 
 
-def _metric(parts: Sequence[Matrix]) -> tuple[Matrix, list[Matrix]]:
+def _metric(
+    parts: Sequence[Matrix], *, pivoted: bool = True
+) -> tuple[Matrix, list[Matrix]]:
     """Return ``V`` such that ``||A V e|| = ||e||``, and ``A V`` of each of the parts.
 
     ``A`` are the parts under each other; it has full rank.  Rows of the misfit may be
     1e14 times those of links.  Householder's method keeps the digits of small rows if
     large ones come first and columns are pivoted [Cox1998]_.  Parts of the orthonormal
-    factor have all digits that products with ``V`` lose.
+    factor have all digits that products with ``V`` lose.  Where ``V`` itself is
+    inaccurate, the products are what a step with it changes: without pivots, they are
+    returned.
     """
     from scipy.linalg import qr, solve_triangular
 
     A = np.vstack(parts)
+    if not pivoted:
+        R = np.linalg.qr(A, mode="r")
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            V = solve_triangular(R, np.eye(len(R)), check_finite=False)
+            return V, [part @ V for part in parts]
     order = np.argsort(-abs(A).max(axis=1), kind="stable")
     Q = np.empty(A.shape)
     Q[order], R, pivots = qr(
