@@ -60,7 +60,7 @@ def test_an_obstacle_that_always_touches_is_refused_unless_it_is_allowed():
     )
     with pytest.raises(ProblemError, match=said):
         build_scene(ARM, bodies)
-    with pytest.raises(ProblemError, match="--allowed floor,ball on link1"):
+    with pytest.raises(ProblemError, match="--allowed 'floor,ball on link1'"):
         build_scene(ARM, bodies)
     scene = build_scene(ARM, bodies, allowed=[("floor", "link1")])
     assert not scene.pairs and "allowed" in scene.notes[0].reason
