@@ -85,8 +85,7 @@ class FoundFactor:
     @property
     def may_harm(self) -> float:
         """Harm of a factor that is larger than its size by one standard error."""
-        size = max(abs(self.size), float(np.finfo(float).tiny))
-        return self.harm * (1.0 + self.error / size) if self.harm else 0.0
+        return self.harm * (1.0 + self.error / abs(self.size)) if self.size else 0.0
 
 
 def factor_findings(

@@ -48,7 +48,7 @@ def file_torque(form: str, file: Path, estimate: Estimate) -> FileTorque | None:
         return _of_casadi(file)
     if form == "c":
         return _of_c(file, len(robot))
-    return _of_tendons(file, estimate.model) if form in ("mjcf", "mjlab") else None
+    return _of_tendons(file, estimate.model) if form == "mjcf" else None
 
 
 def _of_python(file: Path) -> FileTorque:

@@ -92,7 +92,7 @@ def format_cost(
         )
     # The bodies and drive terms of mjlab's robot are in the MJCF file.
     form = "mjcf" if form == "mjlab" else form
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         place = Path(folder)
         export = exported(
             estimate, form, source=source, folder=place, allow_refused=True

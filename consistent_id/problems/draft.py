@@ -222,7 +222,7 @@ class Draft:
     def _constraints(self) -> ConstraintsTable:
         standing = self.standing
         return ConstraintsTable(
-            bodies=self.bodies,
+            bodies=self.stated.bodies,
             masses=self.masses,
             known_links=list(standing.known_links) if standing else [],
             fixed=dict(standing.rotors) if standing else {},

@@ -65,7 +65,7 @@ class ConstraintsTable(FileTable, frozen=True, kw_only=True):
     """Constraints of the constrained estimate."""
 
     margin: Annotated[float, Meta(ge=0.0, lt=1.0)] = 1e-6
-    bodies: Literal["identified", "model"] = "identified"
+    bodies: Literal["identified", "model"] | None = None
     known_links: list[str] = []
     masses: Literal["datasheet", "bounds", "free"] = "datasheet"
     centres_of_mass: Literal["datasheet", "box", "free"] = "free"

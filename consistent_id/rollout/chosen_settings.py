@@ -28,12 +28,12 @@ from consistent_id.rollout.delay_search import (
     FoundDelay,
     found_delay,
 )
+from consistent_id.rollout.motion_parts import slow_and_fast
 from consistent_id.rollout.settings import (
     BLOCKS_OF_PART,
     Settings,
     difference_error,
     gains_of,
-    slow_and_fast,
     squares_of_parts,
     table_in_form_of,
     with_settings,
@@ -264,9 +264,11 @@ def _with_bodies(
     """Return settings with the bodies of the robot's file, if these predict better.
 
     Where the motion determines them badly, bodies make up for what the model of the
-    drives lacks.
+    drives lacks.  A problem that states which bodies it wants, or that the file's
+    masses are not the robot's, is not asked.
     """
-    stated = problem.table.constraints.bodies == "model"
+    known = problem.table.constraints
+    stated = known.bodies is not None or known.masses != "datasheet"
     if stated or not _has_bodies(problem):
         return best
     kept, error = replace(best, bodies="model"), candidates.error

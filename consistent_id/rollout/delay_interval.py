@@ -24,14 +24,13 @@ from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.rollout.commanded_motion import replayable
 from consistent_id.rollout.delay_search import NEAR, SAME, FoundDelay, found_delay
+from consistent_id.rollout.motion_parts import Spans, within
 from consistent_id.rollout.settings import (
     BLOCKS_OF_PART,
     Settings,
-    Spans,
     block_squares,
     compared_fit,
     with_settings,
-    within,
 )
 
 _SHARPER = 0.25  # times the velocity scale

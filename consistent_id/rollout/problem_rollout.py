@@ -130,6 +130,12 @@ class ProblemRollout:
         choice, late = self.settings, list[str]()
         if choice is not None and choice.delay is not None:
             late.append(delay_words(choice.delay, choice.delay_interval))
+        if choice is not None and choice.settings.bodies is not None:
+            late.append(
+                "bodies are those of the robot's file: with identified ones, motion "
+                'that was left out is predicted worse; bodies = "identified" '
+                "(--bodies identified) keeps these"
+            )
         lines = (self.rollout.sentence, *late, *verdict.lines)
         verdict_table = Table(verdict.sentence, (), (), lines)
         tables = [verdict_table, *self.rollout.tables()]
@@ -171,11 +177,6 @@ class ProblemRollout:
             notes.append(
                 f"rows of joints slower than {s.least_joint_speed:g} rad/s (m/s) are "
                 "left out, and around reversals: friction there may have any value"
-            )
-        if s.bodies is not None:
-            notes.append(
-                "bodies are those of the robot's file: with identified ones, the other "
-                "part is predicted worse"
             )
         if s.simulated:
             notes.append("only drive terms that MuJoCo has")

@@ -15,6 +15,7 @@ from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.problem import Problem
 from consistent_id.rollout.chosen_settings import cutoffs
+from consistent_id.rollout.motion_parts import Spans, slow_and_fast, within
 from consistent_id.rollout.refine import (
     RefinementStart,
     full_step,
@@ -25,15 +26,12 @@ from consistent_id.rollout.rollout_slopes import Replays
 from consistent_id.rollout.settings import (
     BLOCKS_OF_PART,
     Settings,
-    Spans,
     block_squares,
     compared_fit,
     difference_error,
     gains_of,
-    slow_and_fast,
     torque_fit,
     with_settings,
-    within,
 )
 
 RIDGES = (0.1, 0.3, 1.0)

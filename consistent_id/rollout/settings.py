@@ -1,8 +1,8 @@
 """Settings of a torque fit of commands, and its errors in rollouts.
 
-The danger is overfitting: a model of slow motion may be wrong for fast motion. So the
-training data are split by speed: the model is fitted to the slower part and judged by
-its rollouts of the faster part, and vice versa.
+The danger is overfitting: a model of slow motion may be wrong for fast motion. So a fit
+to one part of the training motion is judged by its rollouts of the other one, see
+`slow_and_fast`.
 
 A file format, or a simulator, has its own form of friction.  An export leaves other
 terms out, and their friction is then missing.  If friction is fitted again without
@@ -34,7 +34,7 @@ from consistent_id.problems.loading import problem_of
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.stated_model import drive_of
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import PDGains, trimmed
+from consistent_id.recordings.signals import PDGains
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.drive.drive_terms import DEFAULTS
 from consistent_id.regression.regression import Regression, build_regression
@@ -43,6 +43,7 @@ from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import require_known
 from consistent_id.rollout.commanded_motion import replay, replayable
+from consistent_id.rollout.motion_parts import Spans, within
 from consistent_id.rollout.replay_model import SEARCH_STEP, STEP, replay_model
 
 _EVERYWHERE = ("viscous", "coulomb", "velocity_scale", "offset", "rotor_inertia")
@@ -107,14 +108,7 @@ def table_in_form_of(table: ProblemTable, form: str) -> ProblemTable:
     )
 
 
-_SLOW_PART = 0.6  # of the training time is the slower part
-_BETWEEN_PARTS = 0.2  # s between the parts
-_REST = 0.5  # s of rest before and after motion belong to it
-_AT_REST = 0.01  # of a joint's range: noise of an encoder is not motion
-
 BLOCKS_OF_PART = 4  # whose scatter is the error of the delay
-
-Spans = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -396,84 +390,6 @@ def replay_errors(
         replay(model, log, delay=delay, offsets=given).errors
         for log, given in zip(known, more, strict=True)
     ]
-
-
-def within(recordings: Sequence[Recording], spans: Spans) -> list[Recording]:
-    """Return recordings within spans of time, one span for each."""
-    return [
-        trimmed(recording, *span)
-        for recording, span in zip(recordings, spans, strict=True)
-        if span[1] > span[0]
-    ]
-
-
-def slow_and_fast(problem: Problem) -> tuple[Spans, Spans]:
-    """Return the slower and the faster part of each training log, as times [s].
-
-    The time from the first to the last motion is split; longer rest before and
-    after it is in no part.  A log with too little motion for two parts has empty ones.
-
-    Raises
-    ------
-    RecordingError
-        If no log has enough motion.
-    """
-    slow, fast = [], []
-    logs = problem.logs("training")
-    moving = [_moving(log) for log in logs]
-    enough = [_BETWEEN_PARTS < (1.0 - _SLOW_PART) * (b - a) for a, b in moving]
-    if not any(enough):
-        longest = max((stop - start for start, stop in moving), default=0.0)
-        raise RecordingError(
-            f"problem {problem.name!r}: the joints move for {longest:.2g} s at most; "
-            f"two parts, each of which judges the other, need more than "
-            f"{_BETWEEN_PARTS / (1.0 - _SLOW_PART):.2g} s in a training log"
-        )
-    for log, (start, stop), usable in zip(logs, moving, enough, strict=True):
-        if not usable:
-            slow.append((start, start))
-            fast.append((start, start))
-            continue
-        ends = [
-            (start, start + _SLOW_PART * (stop - start)),
-            (start + _SLOW_PART * (stop - start) + _BETWEEN_PARTS, stop),
-        ]
-        mirrored = [
-            (stop - _SLOW_PART * (stop - start), stop),
-            (start, stop - _SLOW_PART * (stop - start) - _BETWEEN_PARTS),
-        ]
-        spread = np.ptp(log.position, axis=0)
-        speeds = [_speed(trimmed(log, *span), spread) for span in ends]
-        first, second = ends if speeds[0] <= speeds[1] else mirrored
-        slow.append(first)
-        fast.append(second)
-    return tuple(slow), tuple(fast)
-
-
-def _moving(log: Recording) -> tuple[float, float]:
-    """Return when a log's motion begins and ends [s].
-
-    It moves where a joint has left its first, or has not reached its last position, by
-    a share of its range.
-    """
-    spread = np.ptp(log.position, axis=0)
-    near = np.where(spread > 0.0, _AT_REST * spread, np.inf)
-    left = np.flatnonzero((abs(log.position - log.position[0]) > near).any(axis=1))
-    late = np.flatnonzero((abs(log.position - log.position[-1]) > near).any(axis=1))
-    if not len(left):
-        return float(log.time[0]), float(log.time[0])
-    first, last = (float(t) for t in (log.time[left[0]], log.time[late[-1]]))
-    start, stop = float(log.time[0]), float(log.time[-1])
-    return (
-        first - _REST if first - start > _REST else start,
-        last + _REST if stop - last > _REST else stop,
-    )
-
-
-def _speed(log: Recording, spread: Vector) -> float:
-    """Return the mean speed over all joints, each over its range in the whole log."""
-    moved = abs(np.diff(log.position, axis=0)).sum(axis=0) / log.duration
-    return float((moved[spread > 0.0] / spread[spread > 0.0]).mean())
 
 
 def squares_of_parts(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:

@@ -22,11 +22,11 @@ mujoco = pytest.importorskip("mujoco")
 
 from consistent_id.rollout import replay, replay_model  # noqa: E402
 from consistent_id.rollout.chosen_settings import with_springs  # noqa: E402
+from consistent_id.rollout.motion_parts import slow_and_fast  # noqa: E402
 from consistent_id.rollout.settings import (  # noqa: E402
     Settings,
     error_of_parts,
     rollout_error,
-    slow_and_fast,
     torque_fit,
     with_settings,
 )

@@ -20,9 +20,10 @@ from consistent_id.rollout import (
     refine,
     refinement_choice,
 )
+from consistent_id.rollout.motion_parts import slow_and_fast
 from consistent_id.rollout.problem_rollout import rollout_of
 from consistent_id.rollout.rollout_slopes import finite_changes
-from consistent_id.rollout.settings import replay_errors, slow_and_fast, torque_fit
+from consistent_id.rollout.settings import replay_errors, torque_fit
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 """Rows of slow joints, and bodies: settings that rollouts choose, and their delays."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -25,13 +25,9 @@ from consistent_id.rollout.delay_interval import (
     without_rests,
 )
 from consistent_id.rollout.delay_search import MOST
+from consistent_id.rollout.motion_parts import slow_and_fast
 from consistent_id.rollout.problem_rollout import rollout_of
-from consistent_id.rollout.settings import (
-    BLOCKS_OF_PART,
-    Settings,
-    slow_and_fast,
-    with_settings,
-)
+from consistent_id.rollout.settings import BLOCKS_OF_PART, Settings, with_settings
 
 
 @pytest.fixture(scope="module")
@@ -109,6 +105,11 @@ def test_the_record_has_each_setting(problem):
 
     done = rollout_of(Study(problem), choose=True)
     names = {"simulated": "simulated_terms_only"}
+    said = 'bodies = "identified" (--bodies identified) keeps these'
+    assert said not in " ".join(done.tables()[0].notes)
+    own = replace(done.settings.settings, bodies="model")
+    told = replace(done, settings=replace(done.settings, settings=own))
+    assert said in " ".join(told.tables()[0].notes)
     recorded = done.to_dict()["settings"]
     chosen = done.settings.settings
     hidden = ("stribeck_velocity", "load_friction")  # never chosen
@@ -127,19 +128,25 @@ def test_bodies_are_the_file_s_where_these_predict_better(problem, kept, better)
     assert found.bodies == ("model" if better else None)
     made = with_settings(identified, found)
     assert any(isinstance(c, FixedBodies) for c in made.constraints) == better
-    # Where the problem states them, nothing is chosen.
-    stated = Stated(problem, lambda _: 1.0)
-    assert _with_bodies(Settings(), problem, stated, MOST) == Settings()
-    assert not stated.tried
 
 
-def with_bodies_identified(problem):
+@pytest.mark.parametrize(
+    "line", ['bodies = "model"', 'bodies = "identified"', 'masses = "free"']
+)
+def test_bodies_are_as_the_problem_states_them(problem, line):
+    stated = with_bodies_identified(problem, line)
+    candidates = Stated(stated, lambda s: 0.5 if s.bodies == "model" else 1.0)
+    assert _with_bodies(Settings(), stated, candidates, MOST) == Settings()
+    assert not candidates.tried
+
+
+def with_bodies_identified(problem, line='masses = "datasheet"'):
     text = (problem.folder / "problem.toml").read_text()
     folder = problem.folder / "identified"
     folder.mkdir(exist_ok=True)
     for name in ("leg.xml", "log.csv"):
         (folder / name).write_bytes((problem.folder / name).read_bytes())
-    other = text.replace('bodies = "model"', 'masses = "datasheet"')
+    other = text.replace('bodies = "model"', line)
     (folder / "problem.toml").write_text(other)
     return load_problem(folder)
 
