@@ -158,6 +158,7 @@ def test_a_rival_that_is_harmful_makes_a_fault():
     rival = FoundFactor(gain, 0.5, 0.1, 0.1, 450.0, 1000.0, 0.4)
     (finding,) = factor_findings(arm(), [found, rival])
     assert (finding.kind, finding.severity) == ("clock", "fault")
+    assert "would be 5% off in torque, or 40% with the other cause" in finding.statement
     (finding,) = factor_findings(arm(), [found, replace(rival, explained=300.0)])
     assert finding.severity == "warning"
 

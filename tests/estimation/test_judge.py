@@ -142,6 +142,10 @@ def test_a_late_torque_that_leaves_much_unexplained_is_not_used(
     (reason,) = [r for r in judge(evidence).reasons if r.kind == kind]
     assert reason.word == word
     assert ("unexplained" in reason.statement) == (word == "do not use")
+    (tested,) = compare([good], [log()]).reports
+    elsewhere = replace(late, recording=tested.validation[0].recording)
+    unseen = replace(evidence, findings=(elsewhere,), held_out=tested.validation)
+    assert judge(unseen).word != "do not use"  # the fit has not seen that recording
     noted = replace(evidence, findings=(replace(late, severity="note"),))
     assert judge(noted).word != "do not use"
     assert judge(replace(evidence, accepted=(kind,))).word != "do not use"

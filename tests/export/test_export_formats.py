@@ -32,6 +32,9 @@ from consistent_id.export.format_cost import format_cost
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.robot import load_mjcf, load_urdf
 from consistent_id.robot.chains import Selection
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.loaders import DHRow, from_modified_dh
+from consistent_id.robot.model import JointLimits
 
 ROOT = Path(__file__).parents[2]
 
@@ -304,6 +307,27 @@ def test_tendons_of_a_file_count_with_what_they_carry(driven, form, monkeypatch)
     assert cost_of(both, form, own).error == pytest.approx(
         cost_of(free, "json", own).own
     )
+
+
+def test_friction_by_position_counts_with_the_arm_of_its_tendon():
+    """Along the tendon it grows with a sine, nearly as along the joint."""
+    pytest.importorskip("mujoco")
+    terms = DriveTerms(coulomb="tanh", velocity_scale=0.1, friction_slope=True)
+    arm = from_modified_dh("arm", [DHRow(0.0, 0.0, limits=JointLimits(-0.5, 0.5))])
+    model = TorqueModel(arm, terms)
+    body = InertialParameters.from_central(0.1, [0.1, 0.0, 0.0], 1e-3 * np.eye(3))
+    estimate = estimate_of(model, [body], np.array([0.3, 0.15]))
+    time = np.arange(400) / 100
+    still = consistent_id.Recording(
+        arm.joint_names, time, 0.5 * np.sin(2.0 * time)[:, None]
+    )
+    motion = consistent_id.differentiated(still)
+    log = consistent_id.simulate_torque(model, estimate.parameters, motion)
+    cost = cost_of(estimate, "mjcf", log)
+    assert cost.read_back
+    level = replace(estimate, parameters=estimate.parameters * ([1.0] * 11 + [0.0]))
+    alone = cost_of(level, "json", log).own
+    assert cost.error < 0.05 * alone
 
 
 @pytest.mark.parametrize(("drag", "noted"), [(-0.5, True), (0.5, False)])
