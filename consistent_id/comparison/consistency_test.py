@@ -23,8 +23,7 @@ simulation ends when `REACHED` draws have reached it, which shows that it is not
 their share is a valid p-value [Besag1991]_.
 """
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -33,11 +32,11 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.executors import Executor, single_threaded, worker_threads
+from consistent_id._support.executors import Executor, single_threaded
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
 from consistent_id.constraints.cones.programmes import COARSE
-from consistent_id.constraints.cones.repeated import point_finder
+from consistent_id.constraints.cones.repeated import rough_squares
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
@@ -52,8 +51,6 @@ from consistent_id.regression.residual_noise import (
     joint_noise,
     unconstrained_fit,
 )
-
-_ROUGH, _CLEAR = 1e-3, 0.8  # a tolerance, and a share that it surely tells from one
 
 DRAWS = 199
 """Simulated data sets: a p-value of 0.05 is then known to 0.03 (two standard errors).
@@ -71,7 +68,9 @@ NEAR = 2.0
 SIGNIFICANT = 0.05
 """p-value below which data are said to contradict the constraints."""
 
-_WORKERS = 2  # Clarabel frees the interpreter's lock
+_NONE = 1e-9  # increase that is rounding: all data reach it
+_SMALL = 0.01  # increase that need not be told from less
+_CLEAR = 0.2  # share by which a rough increase is surely less than another one
 _AT_ONCE = 10  # draws simulated before they are counted
 
 
@@ -279,31 +278,15 @@ def _simulated(
     each = partial(_reaching, best, increase)
     some = (noise[k : k + _AT_ONCE] for k in range(0, len(noise), _AT_ONCE))
     count = _Count(0, 0)
-    with worker_threads(_WORKERS) as pool:
-        alone = (_shared(pool, each, part) for part in some)
-        answers = alone if executor is None else executor.map(each, some)
-        for answer in chain.from_iterable(answers):
-            if answer is not None:
-                count = _Count(count.reached + answer, count.answers + 1)
-            if count.reached == enough:
-                break
+    answers = map(each, some) if executor is None else executor.map(each, some)
+    for answer in chain.from_iterable(answers):
+        if answer is not None:
+            count = _Count(count.reached + answer, count.answers + 1)
+        if count.reached == enough:
+            break
     if not count.answers:
         raise SolverError("none of the simulated data gave a constrained fit")
     return count
-
-
-def _shared(
-    pool: ThreadPoolExecutor,
-    each: Callable[[Matrix], list[bool | None]],
-    noise: Matrix,
-) -> list[bool | None]:
-    """Return the answers for each noise, found by all workers."""
-    found: list[bool | None] = [None] * len(noise)
-    shares = [slice(k, None, _WORKERS) for k in range(_WORKERS)]
-    answers = pool.map(lambda share: each(noise[share]), shares)
-    for share, answer in zip(shares, answers, strict=True):
-        found[share] = answer
-    return found
 
 
 @single_threaded
@@ -312,26 +295,25 @@ def _reaching(best: BestFit, increase: float, noise: Matrix) -> list[bool | None
 
     `noise` is in the range of ``M``, shape (draws, rows).
     """
-    scaled, origin, found = best.scaled, best.solution.u, list[bool | None]()
-    rough, fine = (
-        point_finder(scaled.M, scaled.domain, tolerance=tolerance, origin=origin)
-        for tolerance in (_ROUGH, COARSE)
+    if increase <= _NONE:
+        return [True] * len(noise)
+    scaled, origin = best.scaled, best.solution.u
+    found: list[bool | None] = [False] * len(noise)
+    able = np.flatnonzero(np.sum(noise**2, axis=1) >= increase)
+    if not len(able):
+        return found
+    z = scaled.M @ origin + noise[able] / scaled.size
+    # Least squares has no misfit: prediction and noise are in the range of M.
+    unit = max(increase, _SMALL)
+    rough = scaled.size**2 * rough_squares(
+        scaled.M, z, scaled.domain, origin, unit=unit / scaled.size**2
     )
-    for e in noise:
-        z = scaled.M @ origin + e / scaled.size
-
-        def squared(point: Vector, z: Vector = z) -> float:
-            # Least squares has no misfit: prediction and noise are in the range of M.
-            return float(np.sum((scaled.M @ point - z) ** 2)) * scaled.size**2
-
-        try:
-            found.append(
-                bool(e @ e >= increase)
-                and squared(rough(z)) >= _CLEAR * increase
-                and squared(fine(z)) >= increase
-            )
-        except SolverError:
-            found.append(None)
+    for draw, squared, data in zip(able, rough, z, strict=True):
+        if squared >= increase - _CLEAR * unit or not np.isfinite(squared):
+            try:
+                found[draw] = _squared_distance(best, data) >= increase
+            except SolverError:
+                found[draw] = None
     return found
 
 

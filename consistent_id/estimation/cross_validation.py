@@ -22,7 +22,6 @@ from consistent_id._support.executors import (
     Executor,
     all_but_each,
     single_threaded,
-    worker_threads,
 )
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
@@ -31,6 +30,7 @@ from consistent_id.constraints.priors import (
     Distance,
     NominalDistance,
     Penalty,
+    QuadraticDistance,
     nominal_distance,
 )
 from consistent_id.errors import ProblemError
@@ -38,7 +38,11 @@ from consistent_id.estimation.best_fit import FitProblem, ScaledFit, base_factor
 from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
 )
-from consistent_id.estimation.penalised import PenalisedFit, penalised_fit
+from consistent_id.estimation.penalised import (
+    PenalisedFit,
+    penalised_fit,
+    penalised_fits,
+)
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
@@ -54,8 +58,6 @@ _LEAST_ENTROPIC = 1e-6  # below this weight, Newton's method takes dozens of ste
 
 _FOLD_GAP = 1e-4
 """Relative gap of fits that leave a fold out; their errors need no better one."""
-
-_WORKERS = 2  # Clarabel frees the interpreter's lock
 
 
 @brief
@@ -217,15 +219,13 @@ class _Folds:
     def tried(
         self,
         weights: Vector,
-        along: Callable[..., list[PenalisedFit]],
+        along: Callable[..., list[list[PenalisedFit]]],
         executor: Executor | None,
     ) -> "_TriedWeight":
         """Fit all data and all but each fold, and predict the folds."""
-        rough = ((rest, _FOLD_GAP) for rest in self.rests)
-        with worker_threads(_WORKERS) as pool:
-            fits = pool.map if executor is None else executor.map
-            tasks = [(self.whole, GAP_TOLERANCE), *rough]
-            whole, *found = fits(partial(along, weights=weights), tasks)
+        tasks = [([self.whole], GAP_TOLERANCE), (self.rests, _FOLD_GAP)]
+        fits = map if executor is None else executor.map
+        (whole,), found = fits(partial(along, weights=weights), tasks)
         columns = [
             _errors(tested, fits, samples)
             for tested, fits, samples in zip(
@@ -271,16 +271,37 @@ def _errors(tested: ScaledFit, fits: Sequence[PenalisedFit], samples: int) -> Ve
 
 @single_threaded
 def _along(
-    task: tuple[ScaledFit, float],
+    task: tuple[Sequence[ScaledFit], float],
     distance: NominalDistance,
     weights: Vector,
     start: Vector | None = None,
-) -> list[PenalisedFit]:
-    """Fit for one weight after another, each from where the last one ended.
+) -> list[list[PenalisedFit]]:
+    """Return the fits with each weight, for each of several fits of one domain.
 
-    A task is a fit without prior, and the gap at which to end.
+    A task is the fits without prior, and the gap at which to end.
     """
-    fit, gap = task
+    fits, gap = task
+    if len(fits) == 1 or not isinstance(distance, QuadraticDistance):
+        return [_one_after_another(fit, distance, weights, start, gap) for fit in fits]
+    cases = [(fit, float(weight)) for fit in fits for weight in weights]
+    near = distance.nominal if start is None else start
+    together = penalised_fits(cases, distance, start=near, gap=gap)
+    found = [
+        penalised_fit(fit, distance, weight, gap=gap) if one is None else one
+        for (fit, weight), one in zip(cases, together, strict=True)
+    ]
+    count = len(weights)
+    return [found[first : first + count] for first in range(0, len(found), count)]
+
+
+def _one_after_another(
+    fit: ScaledFit,
+    distance: NominalDistance,
+    weights: Vector,
+    start: Vector | None,
+    gap: float,
+) -> list[PenalisedFit]:
+    """Fit for one weight after another, each from where the last one ended."""
     found: list[PenalisedFit] = []
     for weight in weights:
         start = found[-1].solution.u if found else start

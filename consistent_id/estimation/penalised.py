@@ -10,7 +10,6 @@ in full.
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -26,13 +25,12 @@ from consistent_id.constraints.cones.certificate import (
     certify,
     unexplained,
 )
+from consistent_id.constraints.cones.certified_squares import certified_squares
 from consistent_id.constraints.cones.least_norm import (
-    FREE,
     ConeSolution,
     LeastNorm,
     solve_least_norm,
 )
-from consistent_id.constraints.cones.repeated import solve_squares
 from consistent_id.constraints.priors import (
     Along,
     EntropicDistance,
@@ -102,29 +100,40 @@ def penalised_fit(
 
 
 def penalised_fits(
-    fits: Sequence[ScaledFit], distance: NominalDistance, like: PenalisedFit
+    cases: Sequence[tuple[ScaledFit, float]],
+    distance: NominalDistance,
+    *,
+    start: Vector,
+    gap: float = GAP_TOLERANCE,
 ) -> list[PenalisedFit | None]:
-    """Return compromises for data like another fit's, with its domain and weight.
+    """Return the compromise of each fit with a weight; None where there is none.
 
-    With a quadratic distance all are solved together, about that fit. Those without a
-    certificate are solved again alone; None stands where there is no fit.
+    With a quadratic distance all are solved together.  Those without a certificate are
+    solved again alone.
+
+    Parameters
+    ----------
+    cases : sequence of (ScaledFit, float)
+        Fits with the same domain, each with its weight.
+    start : ndarray, shape (parameters,)
+        A point near the optima.
+    gap : float
+        See `Compromise.optimum`.
     """
-    problems = [Compromise(fit, distance, like.weight) for fit in fits]
-    start, found = like.solution.u, list[PenalisedFit | None]()
-    rough: Sequence[ConeSolution | None] = [None] * len(problems)
-    # Where no cone is active, one after another is faster.
-    if isinstance(distance, QuadraticDistance) and like.solution.status != FREE:
-        with suppress(SolverError):
-            rough = solve_squares([p.near(start).problem for p in problems], start)
-    for problem, solution in zip(problems, rough, strict=True):
+    problems = [Compromise(fit, distance, weight) for fit, weight in cases]
+    proven: Sequence[tuple[ConeSolution, Optimality] | None] = [None] * len(problems)
+    if isinstance(distance, QuadraticDistance):
+        centre = distance.nominal
+        near = [problem.near(centre).problem for problem in problems]
+        proven = certified_squares(near, centre, start, reference=REFERENCE, gap=gap)
+    found: list[PenalisedFit | None] = []
+    for problem, pair in zip(problems, proven, strict=True):
         try:
-            proof = None if solution is None else problem.certified(solution)
-            if solution and proof and proof.verdict == "certified":
-                found.append(problem.with_proof(solution, proof))
-            else:
-                found.append(problem.optimum(start))
+            optimum = problem.optimum(start, gap=gap) if pair is None else None
         except ConsistentIdError:
             found.append(None)
+        else:
+            found.append(optimum if pair is None else problem.with_proof(*pair))
     return found
 
 

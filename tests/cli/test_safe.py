@@ -263,12 +263,11 @@ def test_a_bootstrap_that_is_stopped_shows_what_it_has(
     calls = iter(range(10**6))
     solve = resampling.penalised_fits
 
-    def interrupted(*args):
+    def interrupted(*args, **options):
         if next(calls) == 7:
             raise stop
-        return solve(*args)
+        return solve(*args, **options)
 
-    monkeypatch.setattr(resampling, "_WORKERS", 1)
     monkeypatch.setattr(resampling, "_AT_ONCE", 1)
     monkeypatch.setattr(resampling, "penalised_fits", interrupted)
     assert main(["identify", *map(str, arm), "--uncertainty", "--verbose"]) == code

@@ -40,17 +40,20 @@ def noisy_pendulum(seed, noise=0.2):
     return model, truth, build_regression(model, log)
 
 
-@pytest.mark.parametrize("errors", [1.5, 0.5, 3.0])
-def test_of_a_half_space_the_p_value_is_half_that_of_chi_square(errors):
-    # Friction is asked to be some standard errors above what least squares says.
-    model, _, regression = noisy_pendulum(1)
-    regression = replace(regression, noise=None)
+def half_space(model, regression, errors):
+    """Friction asked to be some standard errors above what least squares says."""
     plain = least_squares(model, regression)
     k = plain.base.names.index("joint1.viscous")
     bound = plain.base_values[k] + errors * plain.standard_errors[k]
-    friction = ParameterBounds({"joint1.viscous": (bound, np.inf)})
-    all_400 = {"draws": 400, "enough": 400}
-    test = consistency_test(model, regression, constraints=[friction], **all_400)
+    return {"constraints": [ParameterBounds({"joint1.viscous": (bound, np.inf)})]}
+
+
+@pytest.mark.parametrize("errors", [1.5, 0.5, 3.0])
+def test_of_a_half_space_the_p_value_is_half_that_of_chi_square(errors):
+    model, _, regression = noisy_pendulum(1)
+    regression = replace(regression, noise=None)
+    all_400 = {"draws": 400, "enough": 400, **half_space(model, regression, errors)}
+    test = consistency_test(model, regression, **all_400)
     assert test.increase == pytest.approx(errors**2, rel=1e-3)
     # A mixture of nothing and of chi^2 with one degree of freedom, by halves; 400
     # draws tell it to four standard errors of a proportion.
@@ -320,12 +323,18 @@ def test_the_excess_of_a_moment_is_over_the_sum_of_the_other_two():
 
 def test_draws_are_those_of_seed_zero_unless_another_is_given():
     model, _, regression = noisy_pendulum(1)
-    few = {"draws": 12, "enough": 12}
+    few = {"draws": 30, "enough": 30, **half_space(model, regression, 0.5)}
     first, again, other = (
         consistency_test(model, regression, **few, **seed).p_value
         for seed in ({}, {"seed": 0}, {"seed": 1})
     )
     assert first == again != other
+
+
+def test_an_increase_that_is_rounding_is_reached_by_all_data():
+    model, _, regression = noisy_pendulum(1)
+    found = consistency_test(model, regression, draws=12, enough=12)
+    assert found.increase < 1e-9 and found.p_value == 1.0
 
 
 def test_a_p_value_of_five_per_cent_is_one_of_those_that_draws_can_give():

@@ -105,8 +105,8 @@ def test_the_path_finds_the_best_of_all_weights_without_trying_them_all(
     assert (np.diff(path.weights) < 0.0).all()
     assert path.penalty == whole.penalty
     places = [int(np.flatnonzero(GRID == weight)[0]) for weight in path.weights]
-    # Solutions are exact to about 1e-6 of what is typical.
-    assert path.errors == pytest.approx(whole.errors[places], rel=1e-5)
+    # Fits of folds end at a relative gap of 1e-4, those of all data at 1e-6.
+    assert path.errors == pytest.approx(whole.errors[places], rel=1e-4)
     assert path.misfits == pytest.approx(whole.misfits[places], rel=1e-5)
 
 
@@ -130,12 +130,16 @@ def test_the_path_is_the_estimates_with_all_data():
     assert path.best == np.argmin(path.error)
 
 
-def test_the_number_of_workers_does_not_matter(monkeypatch):
+def test_folds_solved_together_have_the_errors_of_folds_solved_alone(monkeypatch):
     model, segments, _ = simulated(5, right=False, samples=120, noise=0.3)
-    first = cross_validated(model, segments, constraints=BODIES, weights=[0.1])
-    monkeypatch.setattr("consistent_id.estimation.cross_validation._WORKERS", 1)
-    again = cross_validated(model, segments, constraints=BODIES, weights=[0.1])
-    assert np.array_equal(again.errors, first.errors)
+    options = {"constraints": BODIES, "weights": [1e-3, 0.1, 10.0]}
+    found = cross_validated(model, segments, **options)
+    nothing = [None] * 3 * found.errors.shape[1]
+    monkeypatch.setattr(cross_validation, "penalised_fits", lambda *_, **__: nothing)
+    alone = cross_validated(model, segments, **options)
+    # Fits of folds end at a relative gap of 1e-4.
+    np.testing.assert_allclose(found.errors, alone.errors, rtol=5e-3)
+    np.testing.assert_array_equal(found.parameters, alone.parameters)
 
 
 def test_folds_and_weights_that_are_none_are_refused():
@@ -172,7 +176,7 @@ def test_every_second_weight_is_tried_and_those_beside_the_best(
     def along(task, distance, weights, start=None):
         starts.append(start)
         proof = SimpleNamespace(verdict="certified")
-        return [
+        found = [
             SimpleNamespace(
                 solution=SimpleNamespace(u=np.full(10, np.log(weight) - wanted)),
                 optimality=proof,
@@ -181,6 +185,7 @@ def test_every_second_weight_is_tried_and_those_beside_the_best(
             )
             for weight in weights
         ]
+        return [found for _ in task[0]]
 
     def errors(tested, fits, samples):
         return np.array([1.0 + fit.solution.u[0] ** 2 for fit in fits])
@@ -195,6 +200,6 @@ def test_every_second_weight_is_tried_and_those_beside_the_best(
     assert path.weights[path.best] == grid[place]
     np.testing.assert_allclose(path.distances**2, expected)
     assert path.errors.shape == (len(expected), 3)
-    # All data and all but each fold, first from nominal, then from the best.
-    assert starts[:4] == [None] * 4 and len(starts) == 8
-    assert all((start == 0.0).all() for start in starts[4:])
+    # All data, and all but each fold, first from nominal, then from the best.
+    assert starts[:2] == [None] * 2 and len(starts) == 4
+    assert all((start == 0.0).all() for start in starts[2:])

@@ -19,6 +19,7 @@ from consistent_id import (
     SolverError,
 )
 from consistent_id.constraints import Penalty
+from consistent_id.constraints.cones import certified_squares
 from consistent_id.constraints.cones.certificate import (
     Parabola,
     ball_about,
@@ -205,10 +206,15 @@ def like_one_another(seed=2):
     return [replace(fit, z=fit.z + move) for move in moves], distance, like
 
 
+def together(fits, distance, like):
+    cases = [(fit, like.weight) for fit in fits]
+    return penalised_fits(cases, distance, start=like.solution.u)
+
+
 def test_fits_solved_together_are_those_solved_alone():
     fits, distance, like = like_one_another()
     assert like.solution.status != "Free"
-    found = penalised_fits(fits, distance, like)
+    found = together(fits, distance, like)
     for fit, one in zip(fits, found, strict=True):
         alone = penalised_fit(fit, distance, like.weight)
         assert one.optimality.verdict == "certified"
@@ -222,16 +228,24 @@ def test_fits_solved_together_are_those_solved_alone():
         assert one.excess == fit.excess(one.solution.u)
 
 
+def test_fits_that_need_no_cones_are_free():
+    fits, distance, like = like_one_another()
+    near = [replace(fit, z=fit.M @ distance.nominal) for fit in fits]
+    for one in together(near, distance, like):
+        assert one.solution.status == "Free"
+        assert one.optimality.verdict == "certified"
+
+
 def test_a_fit_that_is_not_certified_together_is_solved_again_alone(monkeypatch):
     fits, distance, like = like_one_another(3)
-    solve = penalised.solve_squares
+    solve = certified_squares.solve_squares
 
     def moved(problems, origin):
         found = solve(problems, origin)
         return [replace(found[0], u=found[0].u + 1e-3), *found[1:]]
 
-    monkeypatch.setattr(penalised, "solve_squares", moved)
-    found = penalised_fits(fits, distance, like)
+    monkeypatch.setattr(certified_squares, "solve_squares", moved)
+    found = together(fits, distance, like)
     alone = [penalised_fit(fit, distance, like.weight) for fit in fits]
     same = [
         np.array_equal(f.solution.u, a.solution.u)
@@ -252,19 +266,19 @@ def test_fits_that_cannot_be_solved_together_are_solved_alone_or_are_none(
     def refused(*_):
         raise SolverError("together")
 
-    monkeypatch.setattr(penalised, "solve_squares", refused)
+    monkeypatch.setattr(certified_squares, "solve_squares", refused)
     alone = [
         penalised_fit(fit, distance, like.weight, start=like.solution.u) for fit in fits
     ]
     solve, calls = penalised.Compromise.optimum, iter(range(len(fits)))
 
-    def sometimes(self, start=None):
+    def sometimes(self, start=None, **options):
         if next(calls) == 3:
             raise SolverError("alone")
-        return solve(self, start)
+        return solve(self, start, **options)
 
     monkeypatch.setattr(penalised.Compromise, "optimum", sometimes)
-    found = penalised_fits(fits, distance, like)
+    found = together(fits, distance, like)
     assert found.pop(3) is None
     del alone[3]
     for one, other in zip(found, alone, strict=True):

@@ -58,18 +58,11 @@ def test_an_expanded_tail_of_the_bootstrapped_mean_is_students(count):
     assert norm.isf(tail, sample.mean(), scatter) == pytest.approx(high)
 
 
-def test_the_same_seed_gives_the_same_result_whatever_the_number_of_workers(
-    monkeypatch,
-):
+def test_the_same_seed_gives_the_same_result():
     model, segments, _ = simulated()
     first = bootstrap(model, segments, replicates=20, seed=3)
-    for workers in (1, 3):
-        monkeypatch.setattr(
-            f"{HERE}._WORKERS",
-            workers,
-        )
-        again = bootstrap(model, segments, replicates=20, seed=3)
-        assert np.array_equal(again.estimates, first.estimates)
+    again = bootstrap(model, segments, replicates=20, seed=3)
+    assert np.array_equal(again.estimates, first.estimates)
     other = bootstrap(model, segments, replicates=20, seed=4)
     assert not np.allclose(other.estimates, first.estimates)
 
@@ -170,14 +163,13 @@ def failing(monkeypatch, *, fails=frozenset(), interrupted=-1):
     solve, calls = resampling.penalised_fits, iter(range(10**6))
     at_once = resampling._AT_ONCE
 
-    def sometimes(fits, *args):
+    def sometimes(*args, **options):
         call = next(calls)
         if call == interrupted:
             raise KeyboardInterrupt
-        found = enumerate(solve(fits, *args), start=call * at_once)
+        found = enumerate(solve(*args, **options), start=call * at_once)
         return [None if number in fails else fit for number, fit in found]
 
-    monkeypatch.setattr(f"{HERE}._WORKERS", 1)
     monkeypatch.setattr(f"{HERE}.penalised_fits", sometimes)
 
 

@@ -1,4 +1,4 @@
-"""Several programmes over one set, by one solver.
+"""Several programmes over one set.
 
 Clarabel gets the rows once, and keeps the order of its eliminations and the scaling.
 
@@ -8,23 +8,24 @@ Clarabel gets the rows once, and keeps the order of its eliminations and the sca
   takes half the time, but stops early if `P` is ill-conditioned. So it is used for fits
   that are compared, not for delivered ones, with a prior in `P` that makes it regular.
 - `solve_squares`: the same for least-norm problems, about a point near their optima.
-- `point_finder`: least-norm problems with one ``G`` and different ``g``.
+- `rough_squares`: how small the misfit can be, with one ``G`` and different ``g``.
+
+Several quadratic programmes are solved together (`solve_together`), a single one, and
+one that does not end there, by Clarabel.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id._support.executors import worker_threads
 from consistent_id.constraints.cones.least_norm import (
     ConeSolution,
     LeastNorm,
     all_multipliers,
     free_set,
-    norm_rows,
 )
 from consistent_id.constraints.cones.programmes import (
     COARSE,
@@ -37,9 +38,11 @@ from consistent_id.constraints.cones.programmes import (
     settings,
 )
 from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.constraints.cones.together import solve_together
 from consistent_id.errors import SolverError
 
-_WORKERS = 2  # Clarabel frees the interpreter's lock
+_ROUGH = 0.01
+_FEW = 4  # programmes from which solving them together takes less time
 # Of gap and feasibility: a few of a dozen iterations depend on it.
 _QUADRATIC_TOLERANCE = 1e-8
 
@@ -81,7 +84,7 @@ def minimisers(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
 
     Parameters
     ----------
-    P : ndarray, shape (programmes, variables, variables)
+    P : ndarray, shape (programmes or 1, variables, variables)
         Symmetric positive definite; entries around one.
     q : ndarray, shape (programmes, variables)
     domain : ConicSet
@@ -98,24 +101,27 @@ def minimisers(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
     """
     if not (np.isfinite(P).all() and np.isfinite(q).all()):
         raise SolverError("the programme has entries that are not finite numbers")
-    shares = [slice(k, None, _WORKERS) for k in range(min(_WORKERS, len(q)))]
-    points = np.empty_like(q)
-    with worker_threads(_WORKERS) as pool:
-        found = pool.map(lambda share: _minimiser(P[share], q[share], domain), shares)
-        for share, solutions in zip(shares, found, strict=True):
-            points[share] = solutions
-    return points
-
-
-def _minimiser(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
-    """Return the minimisers, one after another by one solver."""
     reduced = free_set(domain)
     free, start = reduced.free, reduced.start
     q = q[:, free] + start @ P[:, :, free]
     found = np.tile(start, (len(q), 1))
-    solutions = _one_after_another(P[:, free][:, :, free], q, reduced.rows)
-    found[:, free] = [point_of(solution) for solution in solutions]
+    found[:, free] = _solved(P[:, free][:, :, free], q, reduced.rows)[0]
     return found
+
+
+def _solved(P: Array, q: Matrix, rows: Sequence[ConeRows]) -> tuple[Matrix, Matrix]:
+    """Return points and multipliers; programmes that do not end are Clarabel's."""
+    x, z = np.zeros_like(q), np.zeros((len(q), sum(len(block.b) for block in rows)))
+    left = np.arange(len(q))
+    if len(q) >= _FEW:
+        found = solve_together(P, q, rows, tolerance=_QUADRATIC_TOLERANCE)
+        x, z, left = found.x, found.z, np.flatnonzero(~found.ended)
+    if len(left):
+        squares = P if len(P) == 1 else P[left]
+        solutions = _one_after_another(squares, q[left], rows)
+        x[left] = [point_of(solution) for solution in solutions]
+        z[left] = [solution.z for solution in solutions]
+    return x, z
 
 
 def _one_after_another(P: Array, q: Matrix, rows: Sequence[ConeRows]) -> list[Any]:
@@ -131,7 +137,8 @@ def _one_after_another(P: Array, q: Matrix, rows: Sequence[ConeRows]) -> list[An
     chosen.equilibrate_enable = False  # entries are around one: see `minimisers`
     found, solver = [], None
     with panics_as_errors():
-        for values, slope in zip(P[:, row, column], q, strict=True):
+        for place, slope in enumerate(q):
+            values = P[min(place, len(P) - 1), row, column]
             if solver is None:
                 quadratic = csc_matrix((values, row, ends), shape=(size, size))
                 data = cone_data(rows)
@@ -162,65 +169,47 @@ def solve_squares(problems: Sequence[LeastNorm], origin: Vector) -> list[ConeSol
     G = np.array([problem.G[:, free] for problem in problems])
     misfits = [problem.G @ start - problem.g for problem in problems]
     q, rows = np.einsum("krc,kr->kc", G, misfits), reduced.about(start[free])
-    solutions = _one_after_another(G.transpose(0, 2, 1) @ G, q, rows)
+    steps, multipliers = _solved(G.transpose(0, 2, 1) @ G, q, rows)
     seconds = (perf_counter() - started) / len(problems)
     ends, found = np.cumsum([len(block.b) for block in rows])[:-1], []
-    for problem, solution in zip(problems, solutions, strict=True):
+    for problem, step, z in zip(problems, steps, multipliers, strict=True):
         u = start.copy()
-        u[free] += point_of(solution)
-        duals = np.split(np.asarray(solution.z), ends)
+        u[free] += step
         slope = problem.G.T @ (problem.G @ u - problem.g)
-        multipliers = all_multipliers(domain, duals, 1.0, slope)
-        status, u = str(solution.status), domain.snapped(u)
-        found.append(ConeSolution(u, multipliers, status, 0.0, seconds))
+        duals = all_multipliers(domain, np.split(z, ends), 1.0, slope)
+        found.append(ConeSolution(domain.snapped(u), duals, "", 0.0, seconds))
     return found
 
 
-def point_finder(
-    G: Matrix, domain: ConicSet, *, tolerance: float, origin: Vector
-) -> Callable[[Vector], Vector]:
-    """Return a function from ``g`` to the point of least ``||G u - g||`` in a set.
-
-    The points are those of `solve_least_norm` up to the tolerance.  Each thread needs a
-    function of its own: it has one solver, of which only the right-hand sides change.
-
-    Raises
-    ------
-    SolverError
-        By the function, if ``g`` is not finite.
+def rough_squares(
+    G: Matrix, targets: Matrix, domain: ConicSet, origin: Vector, *, unit: float
+) -> Vector:
+    """Return about the least ``||G u - g||^2`` in a set for each target ``g``.
 
     Parameters
     ----------
     G : ndarray, shape (rows, parameters)
+    targets : ndarray, shape (targets, rows)
     domain : ConicSet
-    tolerance : float
     origin : ndarray, shape (parameters,)
-        A point near the optima, from which ``||G u - g||`` is some 1000 at most.
-    """
-    import clarabel
-    from scipy.sparse import csc_matrix
+        A point near the optima.
+    unit : float
+        A hundredth of this, or of the square where that is larger, is the error.
 
+    Returns
+    -------
+    ndarray, shape (targets,)
+        NaN where no optimum was found.
+    """
     reduced = free_set(domain)
     free, start = reduced.free, np.where(reduced.free, origin, reduced.start)
-    size, about = 1 + int(free.sum()), G @ start
-    chosen = settings(tolerance, refined=tolerance < COARSE)
-    chosen.presolve_enable = chosen.chordal_decomposition_enable = False  # for updates
-    rows = norm_rows(G[:, free], np.zeros(len(G)), reduced, start[free])
-    A, b, cones = cone_data(rows)
-    with panics_as_errors():
-        solver = clarabel.DefaultSolver(
-            csc_matrix((size, size)), np.eye(size)[0], A, b, cones, chosen
-        )
-
-    def point(g: Vector) -> Vector:
-        if not np.isfinite(g).all():
-            raise SolverError("the programme has entries that are not finite numbers")
-        b[len(b) - len(g) :] = about - g
-        with panics_as_errors():
-            solver.update(b=b)
-            found = point_of(solver.solve())
-        u = start.copy()
-        u[free] += found[1:]
-        return domain.snapped(u)
-
-    return point
+    own, misfits = G[:, free], G @ start - targets
+    found = solve_together(
+        2.0 / unit * (own.T @ own)[None],
+        2.0 / unit * misfits @ own,
+        reduced.about(start[free]),
+        tolerance=_ROUGH,
+        least=np.sum(misfits**2, axis=1) / unit,
+    )
+    squares = np.sum((misfits + found.x @ own.T) ** 2, axis=1)
+    return np.where(found.ended, squares, np.nan)

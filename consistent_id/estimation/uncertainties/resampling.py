@@ -13,7 +13,7 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.executors import Executor, single_threaded, worker_threads
+from consistent_id._support.executors import Executor, single_threaded
 from consistent_id._support.progress import counted
 from consistent_id._support.run import note_stop
 from consistent_id._support.tables import brief
@@ -33,8 +33,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import merged
 from consistent_id.robot.parameters import ParameterLayout
 
-_WORKERS = 2  # Clarabel frees the interpreter's lock
-_AT_ONCE = 10  # replicates that are solved together
+_AT_ONCE = 50  # replicates that are solved together
 _Replicate = tuple[Vector, bool]  # parameters, and whether they are certified
 
 
@@ -121,7 +120,7 @@ def bootstrap(
         Show a progress bar.
     executor : str or Executor, optional
         Where replicates are solved, see `stream_regression`; by default as stated by
-        the shell's ``--executor``, else in two threads.  The result is the same.
+        the shell's ``--executor``, else here.  The result is the same.
 
     Returns
     -------
@@ -173,7 +172,11 @@ def bootstrapped(
 
     @single_threaded
     def estimated(draws: Sequence[Array]) -> list[_Replicate | None]:
-        fits = penalised_fits([drawn(t) for t in draws], fitted.distance, fitted.final)
+        fits = penalised_fits(
+            [(drawn(times), fitted.final.weight) for times in draws],
+            fitted.distance,
+            start=fitted.final.solution.u,
+        )
         return [
             (f.solution.u * scaled.unit, f.optimality.verdict == "certified")
             if f is not None
@@ -213,12 +216,11 @@ def _collected(
 ) -> list[_Replicate | None]:
     """Return the results in order; those so far, if interrupted after two or more."""
     found: list[_Replicate | None] = []
-    with (
-        worker_threads(_WORKERS) as pool,
-        counted(total or 0, "replicates", total is not None) as count,
-    ):
+    with counted(total or 0, "replicates", total is not None) as count:
         some = iter(lambda: list(islice(draws, _AT_ONCE)), [])
-        each = (pool if executor is None else executor).map(estimated, some)
+        each = (
+            map(estimated, some) if executor is None else executor.map(estimated, some)
+        )
         try:
             for result in chain.from_iterable(each):
                 found.append(result)
@@ -226,7 +228,6 @@ def _collected(
         except KeyboardInterrupt as cause:
             if len(found) < 2:
                 raise
-            pool.shutdown(wait=False, cancel_futures=True)
             note_stop(cause)
     return found
 
