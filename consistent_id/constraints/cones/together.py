@@ -35,7 +35,7 @@ _MANY = 5
 _AT_ONCE = 64  # programmes, whose matrices then fit into a processor's cache
 
 
-class Solved(NamedTuple):
+class SolvedTogether(NamedTuple):
     """Points of programmes, and multipliers of their rows.
 
     Parameters
@@ -59,7 +59,7 @@ def solve_together(
     *,
     tolerance: float,
     least: Vector | None = None,
-) -> Solved:
+) -> SolvedTogether:
     """Solve programmes over the same rows.
 
     Parameters
@@ -91,11 +91,11 @@ def solve_together(
 
 def _in_parts(
     P: Array, q: Matrix, rows: Sequence[ConeRows], least: Vector, tolerance: float
-) -> Solved:
+) -> SolvedTogether:
     cones = cones_of(rows)
     x, z = np.zeros_like(q), np.zeros((len(q), sum(len(r.b) for r in rows)))
     ended = np.zeros(len(q), dtype=bool)
-    found, every = Solved(x, z, ended), _Programmes(P, q, least)
+    found, every = SolvedTogether(x, z, ended), _Programmes(P, q, least)
     with np.errstate(all="ignore"):
         if len(q) >= _MANY:
             like = _near_all(every, cones)
@@ -108,7 +108,7 @@ def _solve_in_parts(
     every: "_Programmes",
     cones: Sequence[Cone],
     tolerance: float,
-    found: Solved,
+    found: SolvedTogether,
     like: "_Iterate | None" = None,
 ) -> None:
     """Solve what has not ended, some at a time, and write the results.
@@ -173,7 +173,7 @@ def _solve_part(
     now: _Iterate,
     cones: Sequence[Cone],
     tolerance: float,
-    found: Solved,
+    found: SolvedTogether,
     left: IntArray,
 ) -> None:
     """Solve programmes at once, and write their results."""
