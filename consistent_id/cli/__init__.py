@@ -26,6 +26,9 @@ _ALLOCATED = 20_000
 _KEPT, _LARGE = 2**28, 2**25
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 
+# More threads make small matrices slower, and change last digits.
+_BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
 _ENDS: dict[int, tuple[_Handler, int, bytes]] = {
     signal.SIGINT: (signal.default_int_handler, 130, b"consistent-id: interrupted\n"),
     signal.SIGTERM: (signal.SIG_DFL, 143, b"consistent-id: terminated\n"),
@@ -53,6 +56,8 @@ def run() -> int:
     """
     gc.set_threshold(_ALLOCATED)
     _keep_pages()
+    for name in _BLAS_THREADS:  # read when NumPy and SciPy are imported
+        os.environ.setdefault(name, "1")
     try:
         return main()
     finally:
