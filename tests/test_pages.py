@@ -153,7 +153,6 @@ def test_what_is_written_is_read_back(tmp_path, monkeypatch):
 
 
 NOT_NOTED = {
-    "excite-my-robot.md": {"standing.py"},
     "model-selection.md": {"selection_terms.py"},
     "quadruped-trunk.md": {"quadruped.py", "quadruped_intervals.py"},
     "servos.md": {"servos.py", "servo_intervals.py"},
