@@ -204,8 +204,8 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_only_what_has_a_unit_of_mass_is_smaller(name):
-    # Up to a thousandth or two, to which programmes of cones are solved.  With NumPy 2.5
-    # the proof of an end is 2.3e-3 beyond it, at any tolerance of its programme.
+    # Up to a thousandth or two, to which programmes of cones are solved.  With NumPy
+    # 2.5 the proof of an end is 2.3e-3 beyond it, at any tolerance of its programme.
     whole, alike = CASES[name](1.0)
     scaled, same = CASES[name](SMALL)
     for one, other in zip(whole, scaled, strict=True):
