@@ -35,6 +35,7 @@ LIMITS = {  # rad/s, N m: of Go2's hips; G1's file has its own
     "quadruped": ci.standing.StandingLimits(velocity=4.0, effort=23.0),
     "humanoid": ci.standing.StandingLimits(),
 }
+TITLES = {"quadruped": "Go2 on four feet", "humanoid": "G1's torso on two soles"}
 WAYS = "by hand", "designed"
 NOISE = 0.0, 1.0  # N m, over the simulation's own of 0.05
 
@@ -133,7 +134,10 @@ def trunks(
 
 
 def compared(
-    sizes: dict[tuple[str, float], np.ndarray], robot: StandingRobot, used: float
+    sizes: dict[tuple[str, float], np.ndarray],
+    robot: StandingRobot,
+    used: float,
+    title: str,
 ) -> Iterator[str]:
     """Yield the lines of the table: errors with the most noise, and their ratios."""
     noise = max(NOISE)
@@ -144,10 +148,10 @@ def compared(
     def some(*names: str) -> str:
         return ", ".join(f"{named[name]:.1f}" for name in names)
 
-    yield f"| | {robot.nominal.name}, noise of {noise:g} N m |\n|---|---:|"
-    yield f"| errors by hand | {by_hand:.1%} |"
-    yield f"| errors of the design | {design:.1%} |"
-    yield f"| share of its tightest limit, by hand | {used:.0%} |"
+    yield f"| | {title}, noise of {noise:g} N m |\n|---|---:|"
+    yield f"| errors by hand | {100.0 * by_hand:.1f} % |"
+    yield f"| errors of the design | {100.0 * design:.1f} % |"
+    yield f"| share of its tightest limit, by hand | {100.0 * used:.0f} % |"
     yield f"| by hand over design: mass | {some('m')} |"
     yield f"| hx, hy, hz | {some('hx', 'hy', 'hz')} |"
     yield f"| Ixx, Iyy, Izz | {some('Ixx', 'Iyy', 'Izz')} |"
@@ -197,7 +201,7 @@ def report(options: argparse.Namespace) -> None:
             told(f"{name}:")
             errors = trunks(robot, raw, noise, options.draws)
             sizes[name, noise] = np.sqrt(np.mean(np.square(errors), axis=0))
-    for line in compared(sizes, robot, used["by hand"]):
+    for line in compared(sizes, robot, used["by hand"], TITLES[options.robot]):
         print(line)
 
 

@@ -61,7 +61,7 @@ class RecordingError(ConsistentIdError):
     >>> import consistent_id as ci
     >>> ci.Recording(("elbow",), [0.0, 0.0], [[1.0], [2.0]])
     Traceback (most recent call last):
-    consistent_id.recordings.recording.SampleError: recording: time goes from ...
+    consistent_id.recordings.time_stamps.SampleError: recording: time goes from ...
     """
 
 

@@ -153,9 +153,7 @@ def test_what_is_written_is_read_back(tmp_path, monkeypatch):
 
 
 NOT_NOTED = {
-    "excite-my-robot.md": {"standing.py"},
     "model-selection.md": {"selection_terms.py"},
-    "quadruped-trunk.md": {"quadruped.py", "quadruped_intervals.py"},
     "servos.md": {"servos.py", "servo_intervals.py"},
 }
 """Commands of pages whose machine was not noted; a new stamp always has it."""

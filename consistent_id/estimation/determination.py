@@ -282,6 +282,21 @@ def determined(
     return Determined(origins, stated, errors.quantiles)
 
 
+def loose_trunk(model: TorqueModel, origins: Sequence[str]) -> tuple[str, ...]:
+    """Return the mass and first moments of a floating trunk that are not determined.
+
+    Parameters
+    ----------
+    origins : sequence of str
+        Source of each parameter, as in `determinations`.
+    """
+    robot, determined = model.robot, ("data", "constraint")
+    if not robot.floating or not len(robot):
+        return ()
+    pairs = zip(model.layout.names[:4], origins, strict=False)
+    return tuple(name for name, origin in pairs if origin not in determined)
+
+
 def origin_text(
     origin: str, value: float, error: float, quantile: float = NORMAL
 ) -> str:

@@ -1,7 +1,7 @@
 """An estimate with its provenance: method, data, certificate and verdict."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -14,29 +14,24 @@ from consistent_id._support.tables import Table, brief
 from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.constraints.delivered_bodies import link_conditions, robot_size
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.determination import loose_trunk
 from consistent_id.estimation.estimate_file import (
-    BASE_COLUMNS,
     FORMAT,
-    PARAMETER_COLUMNS,
     EstimatedValues,
     base_records,
-    base_rows,
+    base_table,
+    certificate_record,
     error_notes,
-    finite_or_none,
     parameter_frame,
     parameter_records,
-    parameter_rows,
+    parameter_table,
     read_estimate,
 )
 from consistent_id.estimation.estimate_plot import draw_torque, torque_curves
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.judgement import Evidence, judge
-from consistent_id.estimation.method import FittedSpan, FittedUnder
-from consistent_id.estimation.torque_error import (
-    TorqueError,
-    measured_torque,
-    prediction_errors,
-)
+from consistent_id.estimation.method import FittedSpan, FittedUnder, fitted_to_others
+from consistent_id.estimation.torque_error import TorqueError, prediction_errors
 from consistent_id.estimation.verdict import Verdict
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters
@@ -52,7 +47,7 @@ from consistent_id.regression.segments import (
     segment_regressions,
     segment_sources,
 )
-from consistent_id.regression.torque_along import predicted_torque
+from consistent_id.regression.torque_along import predicted_torque, without_motion
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -73,8 +68,8 @@ class Estimate:
     parameters : array_like, shape (parameters,)
         Standard parameters; the data determine only their base parameters.
     base_covariance : array_like, shape (base, base), optional
-        Covariance of the base parameters, under noise correlated as the residuals are
-        (white, if a note says so); None where it has no simple form.
+        Of the base parameters, under noise correlated as the residuals are (white, if a
+        note says so); None where it has no simple form.
     origins : tuple of str
         Source of each parameter: ``"data"``, ``"combination"`` (data determine only
         sums that contain it), ``"loose"`` (data bound it loosely), ``"constraint"``,
@@ -100,15 +95,13 @@ class Estimate:
         Recordings that it was fitted to, which cannot validate it; empty if they are
         not known.
     parameter_errors : array_like, shape (parameters,), optional
-        Standard errors of the standard parameters, NaN where the data do not determine
-        them.  They contain noise as correlated as the residuals, under the constraints,
-        and the prior's bias; an inequality that is active counts in half of all data
-        sets, see `active_ratios`.  They ignore the scatter between recordings;
-        `uncertainty` includes it.
+        Standard errors, NaN where the data do not determine a parameter: for noise as
+        correlated as the residuals, under the constraints, and the prior's bias.  An
+        active inequality counts in half of all data sets, see `active_ratios`.  Only
+        `uncertainty` includes the scatter between recordings.
     parameter_quantiles, base_quantiles : array_like, optional
-        Shapes (parameters,) and (base,): standard errors either way of a 95 % interval.
-        They are Student's quantiles for the degrees of freedom of the noise's spectrum;
-        without them, those of a normal distribution.
+        Shapes (parameters,) and (base,): standard errors either way of a 95 % interval,
+        by Student's distribution; without them, by a normal one.
     fitted_under : FittedUnder, optional
         Constraints, prior and weights of a constrained estimate; None of any other, and
         of one that was read from a file.
@@ -184,9 +177,7 @@ class Estimate:
         `compare` and `Study` have more evidence than an estimate: held-out errors, and
         findings about a log.
         """
-        if self.judged is not None:
-            return self.judged
-        return judge(self.evidence())
+        return judge(self.evidence()) if self.judged is None else self.judged
 
     def evidence(self, *, seed: int = 0) -> Evidence:
         """Return the evidence that the estimate contains itself.
@@ -217,11 +208,7 @@ class Estimate:
 
         The data may determine their sums with other bodies.
         """
-        robot, determined = self.model.robot, ("data", "constraint")
-        if not robot.floating or not len(robot):
-            return ()
-        pairs = zip(self.model.layout.names[:4], self.origins, strict=False)
-        return tuple(name for name, origin in pairs if origin not in determined)
+        return loose_trunk(self.model, self.origins)
 
     @property
     def base_values(self) -> Vector:
@@ -272,9 +259,8 @@ class Estimate:
     @property
     def _combined(self) -> EstimatedValues:
         """The base parameters, with their errors."""
-        return EstimatedValues(
-            self.base_values, self.standard_errors, self.base_quantiles
-        )
+        errors, quantiles = self.standard_errors, self.base_quantiles
+        return EstimatedValues(self.base_values, errors, quantiles)
 
     @property
     def links(self) -> Array:
@@ -309,10 +295,7 @@ class Estimate:
         """
         require_type(recording, Recording, "recording")
         if recording.velocity is None or recording.acceleration is None:
-            raise ProblemError(
-                f"{recording.name}: torques need velocity and acceleration; call "
-                "signals.differentiated(recording) first"
-            )
+            raise without_motion(recording)
         (error,) = torque_errors([self], recording)
         return error
 
@@ -326,9 +309,8 @@ class Estimate:
     ) -> "Uncertainty":
         """Return each parameter's uncertainty: error, bootstrap, and proven interval.
 
-        This is for constrained estimates.  The estimate knows its constraints, prior
-        and weights; only the data are needed.  For an estimate from a problem file,
-        `Study.uncertainty` needs nothing.
+        Only for constrained estimates, which know their constraints, prior and weights.
+        For one from a problem file, `Study.uncertainty` needs no data.
 
         Parameters
         ----------
@@ -362,14 +344,9 @@ class Estimate:
             )
         logs = several(recordings)
         segments = segment_regressions(self.model, logs, sigma=under.weights)
-        residual = residual_sigma(merged(segments), self.parameters, len(self.base))
-        if not np.allclose(residual, self.sigma, rtol=1e-6):
-            names = ", ".join(recording.name for recording in logs)
-            own = ", ".join(dict.fromkeys(span.recording for span in self.fitted_to))
-            raise ProblemError(
-                f"{self.method} was not fitted to {names} as given here; hand over the "
-                f"recordings that it was fitted to, prepared alike{own and ': '}{own}"
-            )
+        found = residual_sigma(merged(segments), self.parameters, len(self.base))
+        if not np.allclose(found, self.sigma, rtol=1e-6):
+            raise fitted_to_others(self.method, logs, self.fitted_to)
         return uncertainty(
             self.model,
             segments,
@@ -392,7 +369,7 @@ class Estimate:
         """Draw measured and predicted torque along a recording, joint by joint.
 
         Each joint's relative error, ``||tau - prediction|| / ||tau||``, stands above
-        its torque.  Without measured torque only the prediction is drawn.  To compare
+        it.  Without measured torque only the prediction is drawn.  To compare
         estimates, draw one into the axes that another one returned.
 
         Parameters
@@ -414,13 +391,8 @@ class Estimate:
             If the recording has no velocity or acceleration, a joint has no torque in
             the model, or the number of axes is not that of the joints.
         """
-        curves = torque_curves(
-            self.model,
-            self.predict(recording),
-            measured_torque(self.model, recording),
-            recording.time,
-            joints,
-        )
+        predicted = self.predict(recording)
+        curves = torque_curves(self.model, predicted, recording, joints)
         return draw_torque(curves, self.method, axes)
 
     def table(self) -> Table:
@@ -429,16 +401,15 @@ class Estimate:
         For least squares, the table has the base parameters, because the data determine
         only these; else the standard parameters, with the source of each value.
         """
-        verdict = self.verdict
+        verdict, layout = self.verdict, self.model.layout
         optimum = f"optimum {self.certificate.verdict}: {self.certificate.reason}"
         notes = (*verdict.lines, optimum, *self.notes)
         if self.standard_errors is None:
             notes += self.error_notes if self.parameter_errors is not None else ()
-            rows = parameter_rows(self._standard, self.model.layout, self.origin_texts)
-            return Table(verdict.sentence, PARAMETER_COLUMNS, rows, notes)
+            known, title = self._standard, verdict.sentence
+            return parameter_table(title, known, layout, self.origins, notes)
         notes += tuple(f"not identifiable: {text}" for text in self.undetermined)
-        rows = base_rows(self._combined, self.base)
-        return Table(verdict.sentence, BASE_COLUMNS, rows, notes)
+        return base_table(verdict.sentence, self._combined, self.base, notes)
 
     def to_frame(self) -> "DataFrame":
         """Return the standard parameters as a pandas data frame.
@@ -465,7 +436,6 @@ class Estimate:
 
         `load` reads it back; units and base parameters are only for people.
         """
-        figures = {k: finite_or_none(v) for k, v in self.certificate.figures.items()}
         sigma = zip(self.model.torque_joints, self.sigma.tolist(), strict=True)
         layout = self.model.layout
         return {
@@ -473,7 +443,7 @@ class Estimate:
             "robot": self.model.robot.name,
             "method": self.method,
             **self.verdict.to_dict(),
-            "certificate": {**asdict(self.certificate), "figures": figures},
+            "certificate": certificate_record(self.certificate),
             "parameters": parameter_records(self._standard, layout, self.origins),
             "base_parameters": base_records(self._combined, self.base),
             "undetermined": list(self.undetermined),
@@ -511,26 +481,7 @@ class Estimate:
             If the file is not an estimate of this model.
         """
         record = read_estimate(Path(path), model)
-        found = record.values()
-        return cls(
-            method=record.method,
-            model=model,
-            base=base,
-            parameters=found.values,
-            base_covariance=None,
-            origins=tuple(entry.origin for entry in record.parameters.values()),
-            undetermined=tuple(record.undetermined),
-            sigma=np.array([record.sigma[j] for j in model.torque_joints]),
-            certificate=record.certificate.value(),
-            notes=tuple(record.notes),
-            seconds=record.seconds,
-            fit=record.fit_value(),
-            accepted=tuple(record.accepted),
-            judged=record.verdict_value(),
-            fitted_to=record.spans(),
-            parameter_errors=found.errors,
-            parameter_quantiles=found.quantiles,
-        )
+        return cls(model=model, base=base, base_covariance=None, **record.fields(model))
 
 
 def torque_errors(

@@ -5,7 +5,7 @@
 
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, get_args
@@ -16,6 +16,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id._support.extras import pandas
 from consistent_id._support.files import LARGEST_MODEL, read_input
+from consistent_id._support.tables import Table
 from consistent_id.constraints.cones.certificate import Certificate, OptimumVerdict
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.determination import SMALL, origin_text
@@ -40,9 +41,6 @@ ERRORS = (
     "the data do not determine the parameter"
 )
 """A description of `Estimate.parameter_errors`, for people."""
-
-PARAMETER_COLUMNS = ("parameter", "value", "standard error", "unit", "determined by")
-BASE_COLUMNS = ("base parameter, led by", "value", "standard error", "unit")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,27 +113,35 @@ def error_notes(found: EstimatedValues, origin_texts: Iterable[str]) -> tuple[st
     return (ERRORS, *found.width_notes, *([SMALL] if small else []))
 
 
-def parameter_rows(
-    found: EstimatedValues, layout: ParameterLayout, origin_texts: Iterable[str]
-) -> tuple[tuple[str, ...], ...]:
-    """Return standard parameters as rows of `PARAMETER_COLUMNS`."""
+def parameter_table(
+    title: str,
+    found: EstimatedValues,
+    layout: ParameterLayout,
+    origins: tuple[str, ...],
+    notes: tuple[str, ...],
+) -> Table:
+    """Return a table of standard parameters."""
+    columns = ("parameter", "value", "standard error", "unit", "determined by")
     texts = (f"{value:.6g}" for value in found.values)
-    each = (layout.names, texts, found.error_texts, layout.units, origin_texts)
-    return tuple(zip(*each, strict=True))
+    sources = found.origin_texts(origins)
+    each = (layout.names, texts, found.error_texts, layout.units, sources)
+    return Table(title, columns, tuple(zip(*each, strict=True)), notes)
 
 
-def base_rows(
-    found: EstimatedValues, base: BaseParameters
-) -> tuple[tuple[str, ...], ...]:
-    """Return base parameters with errors as rows of `BASE_COLUMNS`."""
+def base_table(
+    title: str, found: EstimatedValues, base: BaseParameters, notes: tuple[str, ...]
+) -> Table:
+    """Return a table of base parameters with errors."""
+    columns = ("base parameter, led by", "value", "standard error", "unit")
     units = [base.layout.units[i] for i in base.independent]
     errors = np.zeros(0) if found.errors is None else found.errors
-    return tuple(
+    rows = tuple(
         (name, f"{value:.6g}", f"{error:.2g}", unit)
         for name, value, error, unit in zip(
             base.names, found.values, errors, units, strict=True
         )
     )
+    return Table(title, columns, rows, notes)
 
 
 def parameter_frame(
@@ -173,6 +179,12 @@ def base_records(found: EstimatedValues, base: BaseParameters) -> list[dict[str,
         {"name": name, **record, "grouping": grouping}
         for name, record, grouping in each
     ]
+
+
+def certificate_record(certificate: Certificate) -> dict[str, Any]:
+    """Return a certificate as plain numbers and text."""
+    figures = {k: finite_or_none(v) for k, v in certificate.figures.items()}
+    return {**asdict(certificate), "figures": figures}
 
 
 class ParameterRecord(msgspec.Struct):
@@ -295,6 +307,26 @@ class EstimateRecord(msgspec.Struct):
         if self.fit is None:
             return None
         return Verdict.from_dict(msgspec.to_builtins(self))
+
+    def fields(self, model: TorqueModel) -> dict[str, Any]:
+        """Return the fields of a model's `Estimate` that the file has."""
+        found = self.values()
+        return {
+            "method": self.method,
+            "parameters": found.values,
+            "origins": tuple(entry.origin for entry in self.parameters.values()),
+            "undetermined": tuple(self.undetermined),
+            "sigma": np.array([self.sigma[j] for j in model.torque_joints]),
+            "certificate": self.certificate.value(),
+            "notes": tuple(self.notes),
+            "seconds": self.seconds,
+            "fit": self.fit_value(),
+            "accepted": tuple(self.accepted),
+            "judged": self.verdict_value(),
+            "fitted_to": self.spans(),
+            "parameter_errors": found.errors,
+            "parameter_quantiles": found.quantiles,
+        }
 
 
 def read_estimate(path: Path, model: TorqueModel) -> EstimateRecord:

@@ -9,6 +9,8 @@ import numpy as np
 from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.extras import needed
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.torque_error import measured_torque
+from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import in_newton
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
@@ -40,11 +42,10 @@ class TorqueCurves:
 def torque_curves(
     model: TorqueModel,
     predicted: Array,
-    measured: Array | None,
-    time: Vector,
+    recording: Recording,
     joints: Sequence[str] | None,
 ) -> TorqueCurves:
-    """Return the curves of some joints, by default of all.
+    """Return the curves of some joints along a recording, by default of all.
 
     Raises
     ------
@@ -57,9 +58,10 @@ def torque_curves(
         if name not in rows:
             raise ProblemError(f"no torque of {name!r}; {did_you_mean(name, rows)}")
     some = [rows.index(name) for name in wanted]
+    measured = measured_torque(model, recording)
     return TorqueCurves(
         tuple(f"{n} [{'N' if in_newton(model.robot, n) else 'N m'}]" for n in wanted),
-        time,
+        recording.time,
         predicted[:, some],
         None if measured is None else measured[:, some],
     )

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from consistent_id._support.arrays import Vector, freeze_arrays
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
+from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 
 
@@ -39,6 +40,24 @@ def fitted_spans(recordings: Iterable[Recording]) -> tuple[FittedSpan, ...]:
     """Return the spans of recordings, in their order."""
     return tuple(
         FittedSpan(r.name, float(r.time[0]), float(r.time[-1])) for r in recordings
+    )
+
+
+def fitted_to_others(
+    method: str, given: Iterable[Recording], spans: Iterable[FittedSpan]
+) -> ProblemError:
+    """Return the error of recordings that an estimate was not fitted to.
+
+    Parameters
+    ----------
+    spans : iterable of FittedSpan
+        Those that it was fitted to, as far as they are known.
+    """
+    names = ", ".join(recording.name for recording in given)
+    own = ", ".join(dict.fromkeys(span.recording for span in spans))
+    return ProblemError(
+        f"{method} was not fitted to {names} as given here; hand over the recordings "
+        f"that it was fitted to, prepared alike{own and ': '}{own}"
     )
 
 

@@ -3,6 +3,7 @@
 The C code is one source of C99 that needs only ``math.h``, and one header.
 """
 
+import hashlib
 import re
 import tempfile
 import warnings
@@ -59,6 +60,12 @@ _DECLARED = (
     ("mass_matrix", ("q",), "M"),
 )
 """Functions of the C code: name, arguments, result."""
+
+
+_LONGEST = 100
+"""Characters of a name.  File systems have 255 for it, the ends of functions' names and
+the suffix; C promises to distinguish 63."""
+_DIGITS = 8
 
 
 class Functions(NamedTuple):
@@ -193,7 +200,8 @@ def to_c(
     ----------
     estimate : Estimate
     name : str, optional
-        Prefix of the functions' names; by default the robot's name.
+        Prefix of the functions' names; by default the robot's name.  Of more than 100
+        characters it is cut, and a note says so.
     friction_velocity : float or sequence of float, [rad/s or m/s]
         See `to_casadi`.
     allow_refused : bool
@@ -203,8 +211,9 @@ def to_c(
     functions = to_casadi(
         estimate, friction_velocity=friction_velocity, allow_refused=allow_refused
     )
-    name = identifier(name or estimate.model.robot.name)
     robot = estimate.model.robot
+    asked = name or robot.name
+    name = identifier(asked)
     generator = ca.CodeGenerator(f"{name}.c", {"casadi_int": "int"})
     for own, _, _ in _DECLARED:
         generator.add(_renamed(getattr(functions, own), f"{name}_{own}_"))
@@ -222,6 +231,10 @@ def to_c(
         "define smoothed(velocity) in it, or use inverse_dynamics"
         for parameter in rough
     ]
+    if name != _plain(asked):
+        notes.append(
+            f"the name has {len(asked)} characters: functions begin with {name}"
+        )
     return Export("c", source.encode(), tuple(notes), side=header)
 
 
@@ -291,13 +304,26 @@ def _drive_torque(model: TorqueModel, x: Vector, q: Any, dq: Any, ddq: Any) -> A
 
 
 def identifier(name: str) -> str:
-    """Return a name that is valid in C and Python.
+    """Return a name that is valid in C and Python, and of a file.
+
+    A long one is cut; digits that differ for other names are its end.
 
     Examples
     --------
     >>> identifier("ur-10e"), identifier("3dof"), identifier("")
     ('ur_10e', 'robot_3dof', 'robot')
+    >>> len(identifier("arm_" * 75))
+    100
     """
+    plain = _plain(name)
+    if len(plain) <= _LONGEST:
+        return plain
+    digits = hashlib.sha256(name.encode()).hexdigest()[:_DIGITS]
+    return f"{plain[: _LONGEST - _DIGITS - 1].rstrip('_')}_{digits}"
+
+
+def _plain(name: str) -> str:
+    """Return a name with underscores for all that is neither letter nor digit."""
     plain = re.sub(r"[\W_]+", "_", name, flags=re.ASCII).strip("_")
     return plain if plain[:1].isalpha() else f"robot_{plain}".rstrip("_")
 

@@ -23,9 +23,8 @@ from consistent_id.problems.draft_rows import (
 )
 from consistent_id.problems.found_logs import RobotLogs, read_logs
 from consistent_id.problems.log_entries import with_torque
-from consistent_id.problems.needed_units import wraps
 from consistent_id.problems.overrides import StatedDrive, stated_drive
-from consistent_id.problems.robot_logs import GivenLogs
+from consistent_id.problems.robot_logs import GivenLogs, wraps
 from consistent_id.problems.stated_model import DEFAULT_DRIVE
 from consistent_id.problems.statement import Statement
 from consistent_id.recordings.recording import Recording, velocities

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
+import numpy as np
+
 from consistent_id._support.arrays import Vector
 from consistent_id._support.files import local_path
+from consistent_id.diagnosis.clock import clock_unit
+from consistent_id.diagnosis.findings import FoundUnit
+from consistent_id.diagnosis.wrong_units import travel_unit
 from consistent_id.errors import ModelError, ProblemError, RecordingError
 from consistent_id.problems.found_logs import RobotLogs, found_logs, read_logs
-from consistent_id.problems.needed_units import (
-    joined_options,
-    needed_unit,
-    wraps,
-)
 from consistent_id.problems.nominal_gains import (
     NominalGains,
     implied_gains,
@@ -39,6 +39,7 @@ from consistent_id.recordings.readers.text_files import encoding_of
 from consistent_id.recordings.readers.units import COUNTS, RATE
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import unwrapped
+from consistent_id.robot.model import RobotModel
 
 GivenLog = str | Path | ColumnTable | Recording
 """A log: a file; a data frame, an Arrow table or a mapping of arrays; a recording."""
@@ -51,6 +52,8 @@ _COLUMNS = {
 }
 _BESIDE = ("base", "wrenches", "contacts", "torque_known")
 
+_WHOLE = 0.8  # of a turn: a jump by a whole one
+_STEADY = 1.0  # rad, between samples that do not jump
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
 _HEAD = 1_000  # characters of a file that show what it is
 _MOST_REMEDIES = 4
@@ -339,3 +342,53 @@ def _has_elements(log: Path) -> bool:
             return is_element(file.read(_HEAD))
     except (OSError, UnicodeDecodeError):
         return False
+
+
+def needed_unit(
+    robot: RobotModel, log: Recording, stated: Statement
+) -> FoundUnit | None:
+    """Return the unit of the clock or of positions that is not the stated one.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        With the log's joints, in their order.
+    stated : Statement
+        Channels whose units are stated are not examined.
+    """
+    units = stated.units or {}
+    found = None if "time" in units else clock_unit(log)
+    if found is None and "position" not in units:
+        return travel_unit(robot, log)
+    return found
+
+
+def wraps(log: Recording) -> bool:
+    """Return whether positions jump by whole turns, and by no other steps."""
+    most, undone = (
+        float(abs(np.diff(each.position, axis=0)).max(initial=0.0))
+        for each in (log, unwrapped(log))
+    )
+    return most > _WHOLE * 2.0 * np.pi and undone < _STEADY
+
+
+def joined_options(options: Sequence[str]) -> str:
+    """Return options as one text, in which each has all its values.
+
+    Examples
+    --------
+    >>> joined_options(["--units time=ms --lock a", "--units deg"])
+    '--units time=ms deg --lock a'
+    """
+    values: dict[str, list[str]] = {}
+    name = ""
+    for word in shlex.split(" ".join(options)):
+        if word.startswith("--"):
+            name = word
+            values.setdefault(name, [])
+        else:
+            values[name].append(word)
+    return " ".join(
+        " ".join([name, *map(shlex.quote, each)]).strip()
+        for name, each in values.items()
+    )

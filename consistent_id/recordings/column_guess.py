@@ -146,8 +146,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     names = column_names(log) if known.names is None else known.names
     if in_file and lacks_names(names):
         raise without_names(log, names, known.joints, known.channels, known.rows)
-    flat = known.flat or (in_file and has_no_arrays(log, names))
-    flat = flat and len(known.joints) > 1
+    flat = _is_flat(log, names, known)
     known = replace(known, flat=flat)
     names = [name for name in names if name not in known.taken]
     if "time" not in known.channels:
@@ -156,7 +155,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     listed: tuple[str, ...] = ()
     if ordered and not flat and "position" not in known.channels:
         known, listed = _with_listed_joints(log, names, known)
-    joints = moved = known.joints
+    moved = known.joints
     chosen: dict[str, NamePattern] = {}
     for channel in ("position", "velocity", known.effort):
         if channel in known.channels:
@@ -172,8 +171,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             notes += unread_velocity(names, moved)
             continue
         if not patterns:
-            where = joints if channel == "position" else moved
-            raise not_found(log, channel, names, where, known)
+            raise not_found(log, channel, names, moved, known)
         best, *others = patterns
         if channel == "velocity" and is_of_another_only(best.text, found.position):
             notes.append(unread_speed(best.text))
@@ -193,6 +191,13 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         order = listed or array_order(log, names, tuple(found.array_joints))
         found = replace(found, array_joints=order)
     return ColumnGuess(found, moved, tuple(notes))
+
+
+def _is_flat(log: Path, names: Sequence[str], known: KnownColumns) -> bool:
+    """Return whether a log of several joints has a column of each, and no arrays."""
+    if len(known.joints) < 2:
+        return False
+    return known.flat or (known.names is None and has_no_arrays(log, names))
 
 
 def _require_one_recording(

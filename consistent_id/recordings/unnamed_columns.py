@@ -29,7 +29,7 @@ from consistent_id.recordings.readers.units import (
     rate_of,
     split_clock,
 )
-from consistent_id.recordings.recording import unit_option
+from consistent_id.recordings.time_stamps import unit_option
 
 _COUNTERS = {"seq", "index", "idx", "frame", "count", "counter", "sample", "samples"}
 _COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too

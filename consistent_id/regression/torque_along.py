@@ -45,13 +45,18 @@ def predicted_torque(model: TorqueModel, x: Vector, recording: Recording) -> Arr
         )
     q, dq, ddq = state_of(model, recording)
     if dq is None or ddq is None:
-        raise ProblemError(
-            f"{recording.name}: torques need velocity and acceleration; call "
-            "signals.differentiated(recording) first"
-        )
+        raise without_motion(recording)
     whole = model.predict(x, q, dq, ddq, base=recording.base)
     mixing = mixing_of(model, recording)
     return whole if mixing is None else mixing.mixed(whole)
+
+
+def without_motion(recording: Recording) -> ProblemError:
+    """Return the error of a recording that lacks velocity or acceleration."""
+    return ProblemError(
+        f"{recording.name}: torques need velocity and acceleration; call "
+        "signals.differentiated(recording) first"
+    )
 
 
 def measured_torque(model: TorqueModel, recording: Recording) -> Array:

@@ -21,7 +21,7 @@ from consistent_id._support.arrays import (
 from consistent_id._support.tables import brief
 from consistent_id.errors import ModelError
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.parameters import did_you_mean, require_known
+from consistent_id.robot.parameters import require_known, require_writable
 
 JointKind = Literal["revolute", "continuous", "prismatic", "free"]
 
@@ -279,8 +279,8 @@ class RobotModel:
     Raises
     ------
     ModelError
-        If names repeat, a parent does not precede its child, a joint follows none that
-        moves by itself, or nothing moves.
+        If names repeat or have control characters, a parent does not precede its child,
+        a joint follows none that moves by itself, or nothing moves.
 
     Examples
     --------
@@ -308,6 +308,7 @@ class RobotModel:
             )
         every = tuple(joint.name for joint in self.joints)
         for what, names in (("joint", every), ("link", self.link_names)):
+            require_writable(names, f"robot {self.name!r}: {what}", ModelError)
             repeated = sorted({name for name in names if names.count(name) > 1})
             if repeated:
                 raise ModelError(f"robot {self.name!r}: {what} names repeat {repeated}")
@@ -413,9 +414,8 @@ class RobotModel:
         for k, link in enumerate(self.links):
             carriers |= {frame.name: k for frame in link.merged}
         carriers |= {link: k for k, link in enumerate(self.link_names)}
-        require_known(
-            [name], carriers, f"robot {self.name!r}: no link named", ModelError
-        )
+        what = f"robot {self.name!r}: no link named"
+        require_known([name], carriers, what, ModelError)
         return carriers[name]
 
 
@@ -429,12 +429,9 @@ def _require_leaders(joints: Sequence[Joint]) -> None:
     """
     driven = [joint.name for joint in joints if joint.driven]
     for joint in joints:
-        if joint.mimic is not None and joint.mimic.joint not in driven:
-            near = did_you_mean(joint.mimic.joint, driven)
-            raise ModelError(
-                f"joint {joint.name!r} follows {joint.mimic.joint!r}, expected a joint "
-                f"that moves by itself; {near}"
-            )
+        if joint.mimic is not None:
+            what = f"joint {joint.name!r} has to follow one that moves by itself, not"
+            require_known([joint.mimic.joint], driven, what, ModelError)
 
 
 def transmissions(joints: Sequence[Joint]) -> tuple[Transmission, ...]:

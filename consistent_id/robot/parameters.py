@@ -1,11 +1,15 @@
 """Names, units and places of the parameters in the vector that is estimated."""
 
+import unicodedata
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
 from consistent_id._support.arrays import freeze
 from consistent_id.errors import ConsistentIdError, ProblemError
 from consistent_id.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS
+
+_CONTROLS = ("Cc", "Cs", "Zl", "Zp")
+"""Unicode's categories of control characters, halves of pairs and line separators."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +111,33 @@ def require_known(
     for name in names:
         if name not in known:
             raise error(f"{what} {name!r}; {did_you_mean(name, known)}")
+
+
+def require_writable(
+    names: Iterable[str], what: str, error: type[ConsistentIdError] = ProblemError
+) -> None:
+    r"""Refuse names with control characters, such as line breaks and tabulators.
+
+    Robots' files, tables and code would not contain them as they are.
+
+    Parameters
+    ----------
+    what : str
+        Begins the sentence that the name continues, such as ``"robot 'arm': joint"``.
+
+    Examples
+    --------
+    >>> require_writable(["elbow", "wrist\n2"], "arm: joint")
+    Traceback (most recent call last):
+    consistent_id.errors.ProblemError: arm: joint 'wrist\n2' has a control character ...
+    """
+    for name in names:
+        control = [c for c in name if unicodedata.category(c) in _CONTROLS]
+        if control:
+            raise error(
+                f"{what} {name!r} has a control character ({control[0]!r}), expected "
+                "letters, digits and marks; rename it"
+            )
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

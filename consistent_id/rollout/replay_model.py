@@ -283,7 +283,11 @@ def _strip(spec: Any) -> None:
 def hold_others(
     spec: Any, joints: Sequence[str], locked: Mapping[str, float], name: str
 ) -> None:
-    """Take out the joints that do not move; their bodies stay where they were."""
+    """Take out the joints that do not move; their bodies stay where they were.
+
+    Inertia of bodies that then stand still, such as a base, is replaced: no motion
+    depends on it, but MuJoCo refuses what no body has.
+    """
     mujoco = require_mujoco()
     found = spec_tree(spec).joints
     require_known(joints, found, f"{name} has no joint", ModelError)
@@ -294,6 +298,15 @@ def hold_others(
         if item.type != mujoco.mjtJoint.mjJNT_FREE and locked.get(joint):
             _turn(item, locked[joint], mujoco)
         spec.delete(item)
+    _make_round(spec.worldbody.bodies)
+
+
+def _make_round(bodies: Sequence[Any]) -> None:
+    """Give bodies that stand still the inertia of a ball; their mass stays."""
+    for body in bodies:
+        if not body.joints:
+            body.fullinertia, body.inertia = np.full(6, np.nan), np.full(3, body.mass)
+            _make_round(body.bodies)
 
 
 def _joint_equality(mujoco: Any) -> Any:

@@ -30,7 +30,7 @@ from consistent_id.recordings.readers.units import (
     unit_of_a_name,
 )
 from consistent_id.recordings.readers.used_rows import UsedRows
-from consistent_id.recordings.recording import unit_option
+from consistent_id.recordings.time_stamps import unit_option
 from consistent_id.robot.parameters import require_known
 from consistent_id.rollout.servo_columns import ROLES, role_columns
 

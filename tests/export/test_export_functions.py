@@ -146,6 +146,24 @@ def test_compiled_c_agrees(seed, tmp_path):
         _assert_near(call("mass_matrix", n * n, state[0]).reshape(n, n), mass[k])
 
 
+def test_c_of_a_long_name_has_a_short_one_that_is_its_own_and_says_so():
+    _, robot = random_robot(np.random.default_rng(0), 1)
+    names = ["arm" * 100 + last for last in "ab"]
+    found = []
+    for name in names:
+        estimate = random_estimate(np.random.default_rng(0), replace(robot, name=name))
+        export = to_c(estimate)
+        (note,) = [note for note in export.notes if "301 characters" in note]
+        short = note.rpartition(" ")[2]
+        assert len(short) == 100 and short.startswith("arm" * 30)
+        assert f"void {short}_torque(" in export.content.decode()
+        assert f"void {short}_torque(" in export.side.content.decode()
+        found.append(short)
+    assert len(set(found)) == 2
+    plain = to_c(random_estimate(np.random.default_rng(0), robot))
+    assert not any("characters" in note for note in plain.notes)
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_pinocchios_model_has_bodies_rotors_and_friction(seed):
     estimate = _estimate(seed)

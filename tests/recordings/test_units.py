@@ -28,7 +28,7 @@ from consistent_id.recordings.readers.units import (
     standard_unit,
     unit_of_a_name,
 )
-from consistent_id.recordings.recording import unit_option
+from consistent_id.recordings.time_stamps import unit_option
 
 # By definition: a turn is 2 pi rad, a minute 60 s.
 FACTORS = {

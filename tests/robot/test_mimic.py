@@ -40,9 +40,9 @@ def test_only_joints_that_move_by_themselves_are_coordinates():
 @pytest.mark.parametrize(
     ("rules", "message"),
     [
-        ({"j2": Mimic("j9")}, "'j2' follows 'j9', expected a joint that moves by"),
-        ({"j2": Mimic("j3"), "j3": Mimic("j1")}, "'j2' follows 'j3', expected"),
-        ({"j2": Mimic("j2")}, "'j2' follows 'j2', expected"),
+        ({"j2": Mimic("j9")}, "'j2' has to follow one that moves by itself, not 'j9'"),
+        ({"j2": Mimic("j3"), "j3": Mimic("j1")}, "itself, not 'j3'; known"),
+        ({"j2": Mimic("j2")}, "itself, not 'j2'; known"),
     ],
 )
 def test_leaders_move_by_themselves(rules, message):

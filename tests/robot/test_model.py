@@ -53,6 +53,8 @@ def test_axes_are_made_unit_vectors():
         ((_joint(),), (), "each joint moves one link"),
         ((_joint(), _joint()), (Link("x"), Link("y")), r"joint names repeat \['a'\]"),
         ((_joint(), _joint("b")), (Link("x"), Link("x")), "link names repeat"),
+        ((_joint("a\nb"),), (Link("x"),), r"joint 'a\\nb' has a control character"),
+        ((_joint(),), (Link("x\u2028"),), r"link 'x\\u2028' has a control character"),
         ((_joint(parent=0),), (Link("x"),), "comes before"),
     ],
 )

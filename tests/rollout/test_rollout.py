@@ -8,6 +8,7 @@ from estimates import estimate_of
 
 from consistent_id import (
     DriveTerms,
+    ModelError,
     NonNegativeDrive,
     Recording,
     RecordingError,
@@ -168,6 +169,39 @@ def test_the_robot_itself_moves_like_the_robot():
     (name,) = own.replays
     assert own.rmse(name) < 1e-3 < 0.3 * other.rmse(name)
     assert own.to_dict()["models"][name]["position_rmse"] == own.rmse(name)
+
+
+BODY = """<link name="{name}"><inertial><origin xyz="0.1 0 0"/><mass value="{mass}"/>
+<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="{o}" ixz="{o}" iyz="{o}"/></inertial></link>
+"""
+
+
+def one_joint(path, base, arm):
+    """Write a robot of two bodies, each of mass and entries of the inertia matrix."""
+    bodies = "".join(
+        BODY.format(name=name, mass=mass, i=diagonal, o=product)
+        for name, (mass, diagonal, product) in {"base": base, "arm": arm}.items()
+    )
+    path.write_text(
+        f'<robot name="one">{bodies}<joint name="a" type="revolute"><parent link="base"'
+        '/><child link="arm"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" '
+        'effort="9" velocity="9"/></joint></robot>'
+    )
+    return path
+
+
+def test_a_base_that_stands_still_may_have_an_inertia_that_no_body_has(tmp_path):
+    time, told = chirps(1, 1.0)
+    log, real = blank(("a",), time, told), (1.0, 0.02, 0.0)
+    made = [
+        replay_model(one_joint(tmp_path / "one.urdf", base, real), log.joints, GAINS)
+        for base in (real, (1e-6, 1e-6, 1e-6))
+    ]
+    one, other = (replay(each, log).position for each in made)
+    assert abs(one).max() > 0.1 and np.array_equal(one, other)
+    one_joint(tmp_path / "one.urdf", real, (1e-6, 1e-6, 1e-6))
+    with pytest.raises(ModelError, match="MuJoCo refuses it"):
+        replay_model(tmp_path / "one.urdf", log.joints, GAINS)
 
 
 @pytest.mark.slow

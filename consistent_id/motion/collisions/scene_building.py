@@ -168,10 +168,7 @@ def scene_from_urdf(
     path = Path(path)
     shapes = urdf_shapes(path, package_dirs, elements, pieces)
     bodies = [body for body in shapes.bodies if _has(robot, body)]
-    if shapes.unread and not (readable_only and bodies):
-        raise shapes.unread[0].cause
-    if not bodies:
-        raise _without_bodies(path, robot, len(shapes.bodies), elements)
+    _require_bodies(path, robot, shapes, bodies, elements, readable_only)
     tree = file_tree(shapes.root)
     others = (body for body in shapes.bodies if not _has(robot, body))
     hanging = hanging_bodies(tree, robot, others)
@@ -226,19 +223,36 @@ def _dropped(
     return (*unread, *shapes.bare, *hanging.lost, *at_large)
 
 
-def _without_bodies(
-    path: Path, robot: RobotModel, shapes: int, elements: Elements
-) -> ModelError:
-    """Return the error of a file without shapes of a robot's links."""
-    if not shapes:
-        return ModelError(
+def _require_bodies(
+    path: Path,
+    robot: RobotModel,
+    shapes: UrdfShapes,
+    bodies: Sequence[Body],
+    elements: Elements,
+    readable_only: bool,
+) -> None:
+    """Refuse shapes that cannot be read, and a file without any of the robot's.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        Those of the robot's links.
+    readable_only : bool
+        Whether unreadable shapes may be left out, if others are there.
+    """
+    if shapes.unread and not (readable_only and bodies):
+        raise shapes.unread[0].cause
+    if bodies:
+        return
+    if not shapes.bodies:
+        raise ModelError(
             f"{path}: no link has a shape, expected <{elements}> elements; build the "
             "scene by hand (build_scene, or `bodies` of [excitation.scene]), or design "
             "without a scene (--no-collisions)"
         )
-    return ModelError(
-        f"{path}: {shapes} shapes, none of a link of robot {robot.name!r}; load the "
-        "robot from the same file, or build the scene by hand"
+    raise ModelError(
+        f"{path}: {len(shapes.bodies)} shapes, none of a link of robot {robot.name!r}; "
+        "load the robot from the same file, or build the scene by hand"
     )
 
 

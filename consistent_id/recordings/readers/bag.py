@@ -1,43 +1,36 @@
 """Joint states, and fields of other topics, from ROS bags.
 
-Bags are folders, and bare MCAP, SQLite and ROS 1 files.  A chunk of an MCAP file states
-the size of its records before they were compressed; unpacking allocates this memory, so
-`_check_mcap` checks the size first.  A bag that may be larger than memory is decoded
+A bag that may be larger than memory is decoded
 once, into a file with a row of numbers for each sample; any window of it can then be
 read (`SpooledStates`).
 """
 
-import struct
-import sys
-import zlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.files import require_regular, require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_names import DOUBTFUL, doubt
 from consistent_id.recordings.column_words import is_of_another
+from consistent_id.recordings.readers.bag_file import decoder_of, opened_bag
 from consistent_id.recordings.readers.columns import Columns
-from consistent_id.recordings.readers.controller_states import (
-    CONTROLLER_STATE,
-    JOINT_STATE,
-    STATES,
-    joint_states,
-)
 from consistent_id.recordings.readers.jointstate import (
+    CONTROLLER_KIND,
     FIELDS,
     LOG_TIME,
+    STATE_KIND,
+    STATE_KINDS,
     BagContent,
     JointMessage,
+    joint_message,
     joint_state_fields,
+    joint_states,
     message_conversion,
     samples_of,
 )
@@ -51,34 +44,6 @@ from consistent_id.recordings.readers.topics import (
 )
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.parameters import did_you_mean
-
-_TYPE = JOINT_STATE
-# Exceptions of the library for files that are cut or overwritten.
-_UNREADABLE = (
-    ValueError,
-    TypeError,
-    LookupError,
-    AttributeError,
-    AssertionError,
-    OSError,
-    EOFError,
-    OverflowError,
-    MemoryError,
-    RuntimeError,
-    struct.error,
-    zlib.error,
-)
-_STORAGE = {
-    "sqlite3": "Error",
-    "apsw": "Error",
-    "zstandard": "ZstdError",
-    "backports.zstd": "ZstdError",
-    "compression.zstd": "ZstdError",
-}
-
-_MAGIC = b"\x89MCAP0\r\n"
-_CHUNK, _DATA_END = 0x06, 0x0F
-_BEFORE_SIZE = 16  # bytes of a chunk: its first and its last time
 
 _AT_ONCE = 2**14  # messages
 # Messages that are read to know the joints of topics: in all, and of each.
@@ -130,7 +95,7 @@ def read_messages(
         If the file is not a bag, or there is no such topic.
     """
     wanted = [topic_field(name, str(path)) for name in beside]
-    with _opened(path) as bag:
+    with opened_bag(path) as bag:
         return _content(path, bag, _topic(path, bag, topic, joints), wanted)
 
 
@@ -147,14 +112,16 @@ def chosen_topic(path: Path, topic: str | None, joints: Sequence[str]) -> StateT
     RecordingError
         If the file is not a bag, has no such topic, or several name as many joints.
     """
-    with _opened(path) as bag:
+    with opened_bag(path) as bag:
         chosen = _topic(path, bag, topic, joints)
-        states = {c.topic for c in bag.connections if c.msgtype == _TYPE}
+        states = {c.topic for c in bag.connections if c.msgtype == STATE_KIND}
         (found,) = _named(path, bag, [chosen], joints)
         found = found._replace(others=tuple(sorted(states - {chosen})))
         if "effort" in found.fields:
             return found
-        every = {c.topic for c in bag.connections if c.msgtype in STATES} - {chosen}
+        every = {c.topic for c in bag.connections if c.msgtype in STATE_KINDS} - {
+            chosen
+        }
         named = _named(path, bag, sorted(every), joints) if every else []
         mine = {*found.joints} & {*joints}
         alike = [t for t in named if "effort" in t.fields and mine <= {*t.joints}]
@@ -168,12 +135,12 @@ def _each_message(
 
     Parameters and errors are those of `read_messages`.
     """
-    with _opened(path) as bag:
+    with opened_bag(path) as bag:
         chosen = _topic(path, bag, topic, joints)
         connections = [c for c in bag.connections if c.topic == chosen]
-        decode = _decoder(path, connections)
+        decode = decoder_of(path, connections)
         for connection, log_time, raw in bag.messages(connections=connections):
-            yield _state(log_time, decode(raw, connection.msgtype))
+            yield joint_message(log_time, decode(raw, connection.msgtype))
 
 
 def topic_kinds(path: Path) -> dict[str, str]:
@@ -184,7 +151,7 @@ def topic_kinds(path: Path) -> dict[str, str]:
     RecordingError
         If the file is not a bag.
     """
-    with _opened(path) as bag:
+    with opened_bag(path) as bag:
         return {c.topic: c.msgtype for c in bag.connections}
 
 
@@ -280,43 +247,6 @@ def spooled_states(
     return SpooledStates(path, file, tuple(joints), tuple(fields), columns)
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """Yield a bag to read; convert the library's exceptions."""
-    import rosbags.rosbag1
-    import rosbags.rosbag2
-    from rosbags.serde import SerdeError
-    from rosbags.typesys.base import TypesysError
-
-    if path.is_dir() and not (path / "metadata.yaml").is_file():
-        raise RecordingError(f"{path}: a folder without metadata.yaml is not a bag")
-    for file in (path,) if path.is_file() else sorted(path.glob("*.mcap")):
-        if file.suffix.lower() == ".mcap":
-            require_regular(file, RecordingError)
-            _check_mcap(file)
-    library: Any = rosbags.rosbag1 if _is_old(path) else rosbags.rosbag2
-    of_library = (library.ReaderError, SerdeError, TypesysError)
-    try:
-        with library.Reader(path) as bag:
-            yield bag
-    except (*of_library, *_UNREADABLE, *_of_storage()) as cause:
-        raise RecordingError(f"{path}: not readable as ROS bag: {cause}") from None
-
-
-def _is_old(path: Path) -> bool:
-    """Return whether a bag is of ROS 1."""
-    return path.suffix.lower() == ".bag" and path.is_file()
-
-
-def _of_storage() -> tuple[type[Exception], ...]:
-    """Return the errors of the libraries with which rosbags reads storage."""
-    return tuple(
-        getattr(sys.modules[module], error)
-        for module, error in _STORAGE.items()
-        if module in sys.modules
-    )
-
-
 def _content(
     path: Path, bag: Any, chosen: str, wanted: Sequence[TopicField]
 ) -> BagContent:
@@ -327,66 +257,29 @@ def _content(
             raise RecordingError(f"{path}: no topic {name.topic!r}; {near}")
     topics = {chosen, *(name.topic for name in wanted)}
     connections = [c for c in bag.connections if c.topic in topics]
-    decode = _decoder(path, connections)
+    decode = decoder_of(path, connections)
     logged: dict[str, list[tuple[int, Any]]] = {name: [] for name in topics}
     for connection, log_time, raw in bag.messages(connections=connections):
         message = decode(raw, connection.msgtype)
         logged[connection.topic].append((log_time, message))
     if not logged[chosen]:
         raise RecordingError(f"{path}: topic {chosen!r} has no message")
-    states = [_state(log_time, message) for log_time, message in logged[chosen]]
+    states = [joint_message(log_time, message) for log_time, message in logged[chosen]]
     return BagContent(states, signals_of(wanted, logged, str(path)))
-
-
-def _decoder(path: Path, connections: Sequence[Any]) -> Callable[[bytes, str], Any]:
-    """Return a decoder of messages; the bag defines kinds that ROS does not have."""
-    from rosbags.interfaces import MessageDefinitionFormat
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    old = _is_old(path)
-    types = get_typestore(Stores.ROS1_NOETIC if old else Stores.ROS2_HUMBLE)
-    for connection in connections:
-        if connection.msgtype in types.types:
-            continue
-        stated = connection.msgdef
-        if stated.format != MessageDefinitionFormat.MSG:
-            raise RecordingError(
-                f"{path}: topic {connection.topic!r} is of {connection.msgtype}, which "
-                "neither ROS nor the bag defines; record it as a standard kind, such "
-                "as geometry_msgs/WrenchStamped"
-            )
-        defined = get_types_from_msg(stated.data, connection.msgtype)
-        new = {kind: d for kind, d in defined.items() if kind not in types.types}
-        types.register(new)
-    decode: Callable[[bytes, str], Any] = (
-        types.deserialize_ros1 if old else types.deserialize_cdr
-    )
-    return decode
-
-
-def _state(log_time: int, message: Any) -> JointMessage:
-    state = joint_states(message)
-    stamp = state.header.stamp
-    return JointMessage(
-        log_time,
-        stamp.sec * 10**9 + stamp.nanosec,
-        state.name,
-        {field: np.asarray(getattr(state, field)) for field in FIELDS},
-    )
 
 
 def _topic(path: Path, bag: Any, topic: str | None, joints: Sequence[str]) -> str:
     """Return the requested topic, or the one that names most joints."""
     kinds: dict[str, str] = {c.topic: c.msgtype for c in bag.connections}
-    states = [name for name, kind in kinds.items() if kind == _TYPE]
-    of_controllers = [n for n, kind in kinds.items() if kind == CONTROLLER_STATE]
+    states = [name for name, kind in kinds.items() if kind == STATE_KIND]
+    of_controllers = [n for n, kind in kinds.items() if kind == CONTROLLER_KIND]
     if topic is not None:
         if topic not in kinds:
             near = did_you_mean(topic, states or kinds)
             raise RecordingError(f"{path}: no topic {topic!r}; {near}")
-        if kinds[topic] not in STATES:
+        if kinds[topic] not in STATE_KINDS:
             raise RecordingError(
-                f"{path}: topic {topic!r} is of {kinds[topic]}, expected {_TYPE}"
+                f"{path}: topic {topic!r} is of {kinds[topic]}, expected {STATE_KIND}"
             )
         return topic
     if of_controllers:  # only for joints that no joint state names
@@ -397,7 +290,7 @@ def _topic(path: Path, bag: Any, topic: str | None, joints: Sequence[str]) -> st
     if not states:
         seen = ", ".join(f"{name} ({kind})" for name, kind in kinds.items())
         raise RecordingError(
-            f"{path}: no topic of {_TYPE}; the bag has {seen or 'no topic at all'}"
+            f"{path}: no topic of {STATE_KIND}; the bag has {seen or 'no topic at all'}"
         )
     if len(states) == 1:
         return states[0]
@@ -413,7 +306,7 @@ def _topic(path: Path, bag: Any, topic: str | None, joints: Sequence[str]) -> st
         first, *_ = with_effort or likely
         option = f"--topic {first.name}"
         raise RecordingError(
-            f"{path}: {len(states)} topics of {_TYPE} name joints ({listed}), "
+            f"{path}: {len(states)} topics of {STATE_KIND} name joints ({listed}), "
             f"{len(likely)} of them {most} of {', '.join(joints)}; name one: "
             f"{option} (topic)",
             options=option,
@@ -437,7 +330,7 @@ def _named(
 ) -> list[StateTopic]:
     """Return topics with the names in their first messages."""
     connections = [c for c in bag.connections if c.topic in topics]
-    decode = _decoder(path, connections)
+    decode = decoder_of(path, connections)
     names: dict[str, dict[str, None]] = {topic: {} for topic in topics}
     fields = {topic: set(FIELDS) for topic in topics}
     seen = dict.fromkeys(topics, 0)
@@ -464,40 +357,6 @@ def _is_recorded(message: Any, field: str, joints: Sequence[str]) -> bool:
     if len(values) != len(message.name):
         return False
     return bool(np.isfinite(values[[name in joints for name in message.name]]).all())
-
-
-def _check_mcap(path: Path) -> None:
-    """Compare the sizes that a file states with the file.
-
-    Raises
-    ------
-    RecordingError
-        If a record ends after the file, or chunks unpack to much more than the file.
-    """
-    stored = path.stat().st_size
-    with path.open("rb") as file:
-        if file.read(len(_MAGIC)) != _MAGIC:
-            raise RecordingError(f"{path}: not readable as ROS bag: no MCAP file")
-        unpacked = sum(_chunk_sizes(path, file, stored))
-    require_unpacked(path, unpacked, stored, RecordingError)
-
-
-def _chunk_sizes(path: Path, file: IO[bytes], stored: int) -> Iterator[int]:
-    """Yield the size of each chunk's records, as it states it."""
-    while len(head := file.read(9)) == 9:
-        kind, length = struct.unpack("<BQ", head)
-        begin = file.tell()
-        if begin + length > stored:
-            raise RecordingError(
-                f"{path}: not readable as ROS bag: a record at byte {begin - 9} "
-                f"states {length} bytes, the file ends before"
-            )
-        if kind == _CHUNK and length >= _BEFORE_SIZE + 8:
-            file.seek(begin + _BEFORE_SIZE)
-            yield struct.unpack("<Q", file.read(8))[0]
-        if kind == _DATA_END:
-            return
-        file.seek(begin + length)
 
 
 def _pieces(

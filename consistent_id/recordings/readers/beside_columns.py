@@ -26,7 +26,6 @@ from consistent_id.recordings.beside import (
     Wrench,
     away_from_changes,
 )
-from consistent_id.recordings.recording import SampleError
 from consistent_id.recordings.signals.base_signals import (
     QuaternionOrder,
     base_from_imu,
@@ -34,6 +33,7 @@ from consistent_id.recordings.signals.base_signals import (
     moved_by_stretch,
     rotations,
 )
+from consistent_id.recordings.time_stamps import SampleError
 
 Names = str | Sequence[str]
 """One array's name, or a name for each column."""

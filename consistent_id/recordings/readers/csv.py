@@ -20,14 +20,12 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.csv_header import (
+    SI_WORDS,
     CsvHeader,
+    header_note,
     header_of,
     headers_of,
     lacks_names,
-)
-from consistent_id.recordings.readers.header_lines import (
-    SI_WORDS,
-    header_note,
     with_one_header,
 )
 from consistent_id.recordings.readers.long_tables import (

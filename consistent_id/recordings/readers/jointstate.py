@@ -1,9 +1,14 @@
-"""A recording from messages of joint states, in any order of joints."""
+"""A recording from messages of joint states, in any order of joints.
+
+States of trajectory controllers, ``control_msgs/JointTrajectoryControllerState``, are
+read, too: they name their joints, and have a point each for the reference, the measured
+state, the error and the output.  The measured one is the joints' state.
+"""
 
 import logging
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +30,13 @@ from consistent_id.recordings.readers.topics import (
 from consistent_id.recordings.recording import Recording
 
 FIELDS = ("position", "velocity", "effort")
+STATE_KIND = "sensor_msgs/msg/JointState"
+CONTROLLER_KIND = "control_msgs/msg/JointTrajectoryControllerState"
+STATE_KINDS = (STATE_KIND, CONTROLLER_KIND)
+"""Kinds of messages with states of named joints, the usual one first."""
+
 STAMP, LOG_TIME = "header.stamp", "log_time"
+_MEASURED = ("feedback", "actual")  # the latter before ROS 2 Humble
 _EPOCH = 10**18  # ns, September 2001: clocks that show the date are later
 
 _log = logging.getLogger(__name__)
@@ -38,6 +49,49 @@ class JointMessage(NamedTuple):
     stamp: int
     names: Sequence[str]
     fields: Mapping[str, NDArray[np.float64]]
+
+
+class NamedStates(NamedTuple):
+    """States of joints as in ``sensor_msgs/JointState``; arrays may be empty."""
+
+    header: Any
+    name: Any
+    position: Any
+    velocity: Any
+    effort: Any
+
+
+def joint_states(message: Any) -> Any:
+    """Return a message as joint states; those of that kind as they are."""
+    if not hasattr(message, "joint_names"):
+        return message
+    point = next(getattr(message, field) for field in _measured_fields(message))
+    return NamedStates(
+        message.header,
+        message.joint_names,
+        point.positions,
+        point.velocities,
+        point.effort,
+    )
+
+
+def _measured_fields(message: Any) -> list[str]:
+    """Return the measured fields that a message has; newer ones have both."""
+    known = [field for field in _MEASURED if hasattr(message, field)]
+    filled = [field for field in known if len(getattr(message, field).positions)]
+    return filled or known
+
+
+def joint_message(log_time: int, message: Any) -> JointMessage:
+    """Return a decoded message, of one of `STATE_KINDS`, with its time of logging."""
+    state = joint_states(message)
+    stamp = state.header.stamp
+    return JointMessage(
+        log_time,
+        stamp.sec * 10**9 + stamp.nanosec,
+        state.name,
+        {field: np.asarray(getattr(state, field)) for field in FIELDS},
+    )
 
 
 def joint_state_fields(

@@ -42,9 +42,9 @@ from consistent_id.recordings.readers.used_rows import (
     of_one_clock,
     omit_advice,
 )
-from consistent_id.recordings.recording import (
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.time_stamps import (
     LEAST_STEP,
-    Recording,
     SampleError,
     unit_option,
 )
@@ -182,19 +182,7 @@ def recording_of(
     """
     where = log.where
     time = vector_of(arrays, want.time, where)
-    channels: dict[str, Matrix] = {}
-    for channel, array in want.arrays.items():
-        channels[channel] = _matrix(arrays, array, len(time), want, where)
-    for channel, group in want.columns.items():
-        nothing = np.zeros(len(time))
-        columns = [vector_of(arrays, c, where) if c else nothing for c in group]
-        for column, values in zip(group, columns, strict=True):
-            if len(values) != len(time):
-                raise RecordingError(
-                    f"{where}: column {column!r} has {len(values)} values, time "
-                    f"{want.time!r} has {len(time)}"
-                )
-        channels[channel] = np.column_stack(columns)
+    channels = _wanted_channels(arrays, want, len(time), where)
     keep = kept(len(time), rows.omit, where)
     if rows.missing == "omit":
         keep &= complete(time, channels, want.joints, where)
@@ -224,6 +212,26 @@ def recording_of(
             options = f"{cause.options} {OMIT_MISSING}".strip()
         raise RecordingError(f"{cause}{advice}", options=options) from None
     return recording
+
+
+def _wanted_channels(
+    arrays: Arrays, want: WantedChannels, samples: int, where: str
+) -> dict[str, Matrix]:
+    """Return the wanted channels, shape (samples, joints), in the log's units."""
+    channels: dict[str, Matrix] = {}
+    for channel, array in want.arrays.items():
+        channels[channel] = _matrix(arrays, array, samples, want, where)
+    for channel, group in want.columns.items():
+        nothing = np.zeros(samples)
+        columns = [vector_of(arrays, c, where) if c else nothing for c in group]
+        for column, values in zip(group, columns, strict=True):
+            if len(values) != samples:
+                raise RecordingError(
+                    f"{where}: column {column!r} has {len(values)} values, time "
+                    f"{want.time!r} has {samples}"
+                )
+        channels[channel] = np.column_stack(columns)
+    return channels
 
 
 def _by_sample(values: NDArray[Any], samples: int) -> NDArray[Any]:

@@ -4,7 +4,9 @@
 are fields, so that numbered columns would not say which joint they are of.  ``echo``
 alone writes a block of YAML for each message, KUKA's interface an element of XML.
 pandas writes a column of arrays as lists in its cells, such as ``"[0.1, 0.2]"``.
-Programmes print lines in which each value has its name, ``q1=0.1``.
+Programmes print lines in which each value has its name, ``t=0.01, q1=0.5, tau1=2.0``
+or ``[INFO] [1732876800.0] q: [0.1, 0.2] tau: [1, 2]``.  Lists become a column for each
+item; lines of other names are left out.
 """
 
 import csv
@@ -15,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from consistent_id.recordings.readers.named_values import are_named, table_of
+from consistent_id.recordings.readers.units import is_any_unit, is_time
 from consistent_id.recordings.readers.yaml_messages import (
     MessageError,
     fields_of,
@@ -42,6 +44,25 @@ _DECIMAL_COMMA, _SPACE = re.compile(r"\d,\d"), re.compile(r"\d\s+[-+.\d]")
 _ELEMENT = re.compile(r"<(\w+)((?:\s+[\w.]+=\"[^\"]*\")+)\s*/>")
 _ATTRIBUTE = re.compile(r"([\w.]+)=\"([^\"]*)\"")
 _VALUE = re.compile(r"<(\w+)>\s*([-+.\deE]+)\s*</\1>")
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)\b"
+_PAIR = re.compile(
+    r"(?P<quote>[\"']?)(?<![\w.\[])(?P<name>[^\W\d][\w./]*(?:\[\d+\])?)(?P=quote)"
+    rf"\s*[=:]\s*(?:(?P<number>{_NUMBER})|[\[(](?P<items>[^\[\]()=:]*)[\])])",
+    re.IGNORECASE,
+)
+_MORE = re.compile(  # numbers of a list without brackets
+    rf"(?:(?:[ \t]*[,;][ \t]+|[ \t]+)(?:{_NUMBER})(?![\w.:=,-]))+", re.IGNORECASE
+)
+_UNIT = re.compile(
+    r"[ ]?(?P<unit>[mk]?N m|(?:[^\W\d_]|[%°])[\w/.*·^°]*)(?![\w/.*·^°\[]|\s*[=:])"
+)
+_END = re.compile(r"$|\s|[,;](?!\d)|[)\]}\"'|]")  # behind a number
+_ITEM = re.compile(rf"(?:{_NUMBER})", re.IGNORECASE)
+_ROS_STAMP = re.compile(r"\[(\d{6,}\.\d+)\]")  # seconds, of ROS
+_FEWEST = 3  # values in a line
+_LOOKED_AT = 20  # lines
+_MOST = 0.5  # of these
+_HEAD_OF_LINES = 50_000  # characters in which they are
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +189,7 @@ def _is_message(text: str) -> bool:
 
 def is_printed(text: str) -> bool:
     """Return whether a text begins with a message, or has lists in its first row."""
-    if _is_message(text) or are_named(text):
+    if _is_message(text) or _are_named(text):
         return True
     return _LISTS.search(text, 0, _HEAD) is not None and bool(_widths(text))
 
@@ -187,7 +208,7 @@ def as_table(text: str) -> str:
         If a line is not understood.
     """
     if not _is_message(text):
-        return table_of(text) if are_named(text) else _without_lists(text)
+        return _named_table(text) if _are_named(text) else _without_lists(text)
     if (found := _XML.match(text)) is not None:
         parts = text.split(f"</{found['root']}>")
         rows = [_of_xml(part) for part in parts if "<" in part]
@@ -341,3 +362,76 @@ def _of_xml(text: str) -> dict[str, str]:
         for name, value in _ATTRIBUTE.findall(attributes)
     }
     return row | dict(_VALUE.findall(text))
+
+
+def _are_named(text: str) -> bool:
+    r"""Return whether most of the first lines of a text name the same values.
+
+    Examples
+    --------
+    >>> _are_named("t=0 q=[1, 2] tau=3\n" * 3), _are_named("t,q,tau\n0,1,2\n")
+    (True, False)
+    """
+    lines = [line for line in text[:_HEAD_OF_LINES].splitlines()[:_LOOKED_AT] if line]
+    rows = Counter(tuple(_row(line)) for line in lines)
+    names, number = rows.most_common(1)[0] if rows else ((), 0)
+    return len(names) >= _FEWEST and number > max(_MOST * len(lines), 1)
+
+
+def _named_table(text: str) -> str:
+    r"""Return lines of names and values as a table with commas and a header.
+
+    Examples
+    --------
+    >>> print(_named_table("t=0.1, q=[1 2]\nnothing\nt=0.2, q=[3 4]\n"), end="")
+    t,q[0],q[1]
+    0.1,1,2
+    0.2,3,4
+    """
+    lines = text.splitlines()
+    whole = lines if text.endswith("\n") else lines[:-1]  # its last number may be cut
+    rows = [row for line in whole if (row := _row(line))]
+    most = Counter(map(tuple, rows)).most_common(1)[0][0]
+    values = [",".join(row.values()) for row in rows if tuple(row) == most]
+    return "\n".join([",".join(most), *values, ""])
+
+
+def _row(line: str) -> dict[str, str]:
+    """Return the values of a line by their names; none of a comment.
+
+    None either where a name stands twice: then another word says of which thing it is.
+    """
+    if line.startswith("#"):
+        return {}
+    pairs = list(_values(line))
+    row = dict(pairs)
+    if len(row) < len(pairs):
+        return {}
+    stamp = _ROS_STAMP.search(line)
+    if row and stamp is not None and not any(map(is_time, row)):
+        row = {"time": stamp[1], **row}
+    return row
+
+
+def _values(line: str) -> Iterator[tuple[str, str]]:
+    """Yield values with their names, to which their units are added.
+
+    Examples
+    --------
+    >>> list(_values("t=10ms q1=30 deg, load: 1 2")), list(_values("q=0,5 day=1-2"))
+    ([('t [ms]', '10'), ('q1 [deg]', '30'), ('load[0]', '1'), ('load[1]', '2')], [])
+    """
+    for found in _PAIR.finditer(line):
+        items, end = found["items"], found.end()
+        more = _MORE.match(line, end) if items is None else None
+        if more is not None:
+            items, end = f"{found['number']} {more[0]}", more.end()
+        last = _UNIT.match(line, end)
+        unit = f" [{last['unit']}]" if last and is_any_unit(last["unit"]) else ""
+        if not unit and not _END.match(line, end):
+            continue  # such as a date, a decimal comma or 0x1F
+        if items is None:
+            yield f"{found['name']}{unit}", found["number"]
+            continue
+        for place, item in enumerate(_ITEM.findall(items)):
+            yield f"{found['name']}[{place}]{unit}", item

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import MESSAGES
-from consistent_id.recordings.readers.header_lines import with_one_header
+from consistent_id.recordings.readers.csv_header import with_one_header
 from consistent_id.recordings.readers.long_tables import as_wide, may_be_long
 from consistent_id.recordings.readers.printed_messages import as_table, is_printed
 from consistent_id.recordings.readers.text_files import encoding_of

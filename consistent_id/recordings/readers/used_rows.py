@@ -9,7 +9,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.recording import LATEST
+from consistent_id.recordings.time_stamps import LATEST
 
 _log = logging.getLogger(__name__)
 

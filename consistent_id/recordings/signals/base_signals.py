@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array, Matrix, Vector, checked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion
-from consistent_id.recordings.recording import Recording, SampleError
+from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import (
     cubic_spline,
     interpolated_rotations,
@@ -26,6 +26,7 @@ from consistent_id.recordings.signals.clocks import (
 )
 from consistent_id.recordings.signals.derivatives import differentiated
 from consistent_id.recordings.signals.filters import low_passed
+from consistent_id.recordings.time_stamps import SampleError
 
 QuaternionOrder = Literal["xyzw", "wxyz"]
 """Position of the real part: last, as in ROS and Pinocchio, or first, as in MuJoCo."""

@@ -276,7 +276,10 @@ def test_maps_are_orthonormal_beside_what_contacts_push_whatever_their_rank(colu
     )
     pushes[3] = 0.0
     samples = 10 * np.arange(6)
-    ranks = {10 * k: int(np.linalg.matrix_rank(each)) for k, each in enumerate(pushes)}
+    # NumPy 2.0 has no rank of a matrix without columns.
+    ranks = dict.fromkeys(samples.tolist(), 0)
+    if columns:
+        ranks = {10 * k: np.linalg.matrix_rank(each) for k, each in enumerate(pushes)}
     seen = []
     for group in _null_spaces(samples, pushes, sigma):
         for sample, each in zip(group.samples.tolist(), group.maps, strict=True):
