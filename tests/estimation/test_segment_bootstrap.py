@@ -67,6 +67,20 @@ def test_the_same_seed_gives_the_same_result():
     assert not np.allclose(other.estimates, first.estimates)
 
 
+def test_what_is_zero_but_for_rounding_is_zero(monkeypatch):
+    model, segments, _ = simulated()
+    solve = resampling.penalised_fits
+
+    def rounded(*args, **options):
+        found = solve(*args, **options)
+        for fit in found:
+            fit.solution.u[0] = 1e-13
+        return found
+
+    monkeypatch.setattr(resampling, "penalised_fits", rounded)
+    assert (bootstrap(model, segments, replicates=5).estimates[:, 0] == 0.0).all()
+
+
 @pytest.mark.slow
 def test_replicates_and_folds_are_the_same_in_other_processes():
     model, segments, _ = simulated()

@@ -33,6 +33,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import merged
 from consistent_id.robot.parameters import ParameterLayout
 
+_ROUNDING = 1e-10  # of a typical parameter
 _AT_ONCE = 50  # replicates that are solved together
 _Replicate = tuple[Vector, bool]  # parameters, and whether they are certified
 
@@ -178,7 +179,7 @@ def bootstrapped(
             start=fitted.final.solution.u,
         )
         return [
-            (f.solution.u * scaled.unit, f.optimality.verdict == "certified")
+            (_rounded(f.solution.u) * scaled.unit, f.optimality.verdict == "certified")
             if f is not None
             else None
             for f in fits
@@ -199,6 +200,11 @@ def bootstrapped(
         interrupted=len(found) < replicates,
         segments=len(segments),
     )
+
+
+def _rounded(u: Vector) -> Vector:
+    """Return dimensionless parameters, with zero for what is rounding."""
+    return np.where(abs(u) < _ROUNDING, 0.0, u)
 
 
 def _draws(segments: int, rng: np.random.Generator) -> Iterator[Array]:
