@@ -68,6 +68,7 @@ _OF_OTHER_ROBOTS = {
     "model does not explain",
 }
 _OF_UNITS = ("torque unit", "torque gain")  # with them, torque has no known size
+_GRAVEST: tuple[Severity, ...] = ("fault", "warning", "note")
 _LATE = ("lag", "drive filter")
 _MASSES = "masses or gain"
 # Parts of the robot, and how it is mounted: the same in all logs, so that what
@@ -171,7 +172,7 @@ def diagnose(
         others = _of_another_robot(sized, logs, constraints, unit_known=not units)
         # It comes before its effects, and is not graver than they are.
         first = max(f.score for f in found)
-        severity = min((f.severity for f in signs), key=["fault", "warning"].index)
+        severity = min((f.severity for f in signs), key=_GRAVEST.index)
         found += [replace(f, severity=severity, score=first + f.score) for f in others]
     names = {log.name for log in looked_at[len(training) :]}
     found = _of_short_validation(found, names - {log.name for log in training})

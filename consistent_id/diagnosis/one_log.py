@@ -52,7 +52,7 @@ from consistent_id.diagnosis.wrong_units import (
     speed_findings,
     travel_findings,
 )
-from consistent_id.errors import InfeasibleError, SolverError
+from consistent_id.errors import InfeasibleError, NotExcitedError, SolverError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
@@ -112,7 +112,10 @@ def findings_of(
     whole = of_samples(rows)
     motion = thinned(whole, SAMPLES)
     found += [] if found else extent_findings(motion)
-    ranks = rank_findings(model, prepared, base, position_steps(log))
+    try:
+        ranks = rank_findings(model, prepared, base, position_steps(log))
+    except NotExcitedError as cause:
+        return [*found, _without_rows(cause)]
     found += ranks
     if any(f.severity == "fault" or f.kind in _LITTLE for f in found):
         return found
@@ -140,6 +143,19 @@ def findings_of(
     if isinstance(more, list):
         return found + more
     return replace(more, signals=tuple(found))
+
+
+def _without_rows(cause: NotExcitedError) -> LogFinding:
+    """Say that a joint has no rows, so that torque and motion are not examined."""
+    return LogFinding(
+        "rank",
+        "warning",
+        "all joints",
+        f"torque and motion are not examined: {cause}",
+        "record a longer or faster motion of that joint, or leave out fewer rows "
+        "(least_joint_speed in [data.preparation])",
+        1.0,
+    )
 
 
 def signal_findings(model: TorqueModel, log: Recording) -> list[LogFinding]:

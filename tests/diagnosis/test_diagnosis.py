@@ -28,6 +28,7 @@ from consistent_id.diagnosis.leaks import leak_findings, repeated_share
 from consistent_id.diagnosis.linearise import jackknife, linearised
 from consistent_id.diagnosis.small_shifts import estimate_lag, estimate_shifts
 from consistent_id.problems.statement_words import values
+from consistent_id.recordings.signals.masks import unknown_where
 from consistent_id.regression import base_parameters
 
 
@@ -421,3 +422,17 @@ def test_findings_are_ranked_by_gravity():
     found = Diagnosis((note, warning, fault))
     assert [f.kind for f in found.findings] == ["b", "c", "a"]
     assert found.of("c") == (warning,)
+
+
+def test_a_joint_without_rows_ends_no_diagnosis():
+    log = clean_case(0).log
+
+    def without_rows(raw):
+        joint2 = np.arange(len(arm().torque_joints)) == 1
+        known = logs().prepared(raw)
+        return unknown_where(known, lambda whole: np.ones((len(whole), 1)) * joint2 > 0)
+
+    found = diagnose(arm(), log, prepare=without_rows)
+    (finding,) = found.of("rank")
+    assert "every row of joint2 has the weight 0" in finding.statement
+    assert "leave out fewer rows" in finding.advice
