@@ -6,6 +6,7 @@ candidate that cannot be built is skipped, with its reason.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -29,11 +30,12 @@ from consistent_id.rollout.delay_search import (
     found_delay,
 )
 from consistent_id.rollout.motion_parts import slow_and_fast
+from consistent_id.rollout.refined_parts import refined_parts
 from consistent_id.rollout.settings import (
     BLOCKS_OF_PART,
     Settings,
-    difference_error,
     gains_of,
+    is_larger,
     squares_of_parts,
     table_in_form_of,
     with_settings,
@@ -42,8 +44,9 @@ from consistent_id.rollout.settings import (
 CUTOFFS = (5.0, 7.5, 10.0, 15.0, 20.0, 30.0)  # Hz, of motion and torque
 SCALES = (0.01, 0.02, 0.05, 0.1)  # rad/s or m/s, of the change of sign of friction
 WORTH = 0.025
-"""Least relative gain of a spring, or of friction that varies with position: the same
-threshold as for other terms of a model, so that they are not selected by chance.
+"""Least relative gain of a spring, of friction that varies with position, or of motors
+of their own: the same threshold as for other terms of a model, so that they are not
+selected by chance.
 """
 
 _PASSES = 2  # over cut-off and velocity scale
@@ -152,13 +155,17 @@ class _Candidates:
         )
 
 
-def chosen_settings(problem: Problem, start: Settings | None = None) -> SettingsChoice:
+def chosen_settings(
+    problem: Problem, start: Settings | None = None, *, refine: bool = False
+) -> SettingsChoice:
     """Choose the settings of a problem on its training data alone.
 
     Parameters
     ----------
     problem : Problem
         With gains.
+    refine : bool
+        Whether the estimate will be refined; see `_with_fewer_terms`.
 
     Raises
     ------
@@ -184,9 +191,12 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     best = _with_motors(best, problem, candidates)
     best = _with_slopes(best, groups, error)
     best = with_springs(best, problem, error)
+    if refine:
+        best = _with_fewer_terms(best, problem, candidates)
     near = [best.delay - NEAR, best.delay, best.delay + NEAR]
     found = _delayed(best, candidates, near, most)
     best = min((best, replace(best, delay=found.delay)), key=error)
+    found = replace(found, delay=best.delay)
     if not np.isfinite(error(best)):
         raise candidates.none_found()
     others = other_frictions(problem, best, candidates.parts, candidates.squares)
@@ -264,17 +274,54 @@ def _with_bodies(
     """Return settings with the bodies of the robot's file, if these predict better.
 
     Where the motion determines them badly, bodies make up for what the model of the
-    drives lacks.  A problem that states which bodies it wants, or that the file's
-    masses are not the robot's, is not asked.
+    drives lacks.
     """
-    known = problem.table.constraints
-    stated = known.bodies is not None or known.masses != "datasheet"
-    if stated or not _has_bodies(problem):
+    if not _may_take_bodies(problem):
         return best
     kept, error = replace(best, bodies="model"), candidates.error
     near = [kept.delay - NEAR, kept.delay, kept.delay + NEAR]
     kept = replace(kept, delay=_delayed(kept, candidates, near, most).delay)
     return min((best, _shaped(kept, problem, error)), key=error)
+
+
+def _may_take_bodies(problem: Problem) -> bool:
+    """Return whether a problem leaves open if bodies are those of the robot's file.
+
+    One that states which bodies it wants, or that the file's masses are not the
+    robot's, is not asked.
+    """
+    known = problem.table.constraints
+    stated = known.bodies is not None or known.masses != "datasheet"
+    return not stated and _has_bodies(problem)
+
+
+def _with_fewer_terms(
+    best: Settings, problem: Problem, candidates: _Candidates
+) -> Settings:
+    """Return settings without coupled gears, and with the file's bodies, if not worse.
+
+    A torque fit needs such terms to make up for what the model lacks; a refinement can
+    do without them.  So refined estimates judge them, which is too slow for all
+    candidates.  A model with fewer parameters is taken unless its error is larger by
+    more than chance.
+    """
+    fewer = list[dict[str, Any]]()
+    if problem.table.couplings and best.couplings:
+        fewer.append({"couplings": False})
+    if best.bodies is None and _may_take_bodies(problem):
+        fewer.append({"bodies": "model"})
+    known = None
+    for change in fewer:
+        error = candidates.error
+        tried = _shaped(replace(best, **change), problem, error)
+        if not error(tried) <= ALIKE * error(best):
+            continue
+        if known is None:
+            known = refined_parts(with_settings(problem, best)).least
+        now = refined_parts(with_settings(problem, tried)).least
+        if not is_larger(now, known):
+            best, known = tried, now
+    return best
 
 
 def _without_rests(
@@ -327,18 +374,18 @@ def _climbed(
 def _with_motors(best: Settings, problem: Problem, candidates: _Candidates) -> Settings:
     """Return settings with equal motors of limbs that mirror each other, if not worse.
 
-    They have fewer parameters, so they are taken unless their error is larger by more
-    than the standard error of the difference over blocks.  If the problem states equal
-    motors, none are looked for.
+    They have fewer parameters, so they are taken unless their error is larger by
+    `WORTH`, and by more than chance.  If the problem states equal motors, none are
+    looked for.
     """
     groups = mirrored_motors(problem.model.robot)
     if problem.table.constraints.equal_motors or not groups:
         return best
     shared = replace(best, equal_motors=groups)
-    if not np.isfinite(candidates.error(shared)):
-        return best
-    more = candidates.squares(shared) - candidates.squares(best)
-    return shared if more.sum() <= difference_error(more) else best
+    own, error = candidates.error(best), candidates.error(shared)
+    worse = is_larger(candidates.squares(shared), candidates.squares(best))
+    worse &= own < (1.0 - WORTH) * error
+    return best if worse or not np.isfinite(error) else shared
 
 
 def motor_groups(problem: Problem) -> tuple[tuple[str, ...], ...]:

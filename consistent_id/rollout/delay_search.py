@@ -63,7 +63,7 @@ class FoundDelay:
             return None if self.limit is None else (0.0, self.limit)
         if not np.isfinite(self.error):
             return None
-        half = _student(self.blocks) * self.error
+        half = student(self.blocks) * self.error
         return self.delay - half, self.delay + half
 
 
@@ -155,14 +155,14 @@ def _rising(delays: list[float], tried: dict[float, Vector]) -> float | None:
     places = np.linspace(0.0, middles[-1], round(middles[-1] / _FINE) + 1)
     there = np.column_stack([np.interp(places, middles, one) for one in slopes.T])
     error = there.std(axis=1, ddof=1) / np.sqrt(there.shape[1])
-    rises = there.mean(axis=1) > _student(there.shape[1]) * error
+    rises = there.mean(axis=1) > student(there.shape[1]) * error
     flat = np.flatnonzero(~rises)
     if not len(flat):
         return 0.0
     return None if not rises[-1] else float(places[flat[-1] + 1])
 
 
-def _student(blocks: int) -> float:
+def student(blocks: int) -> float:
     """Return the quantile of Student's t of a 95 % interval."""
     from scipy.special import stdtrit
 

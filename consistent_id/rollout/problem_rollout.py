@@ -133,7 +133,7 @@ class ProblemRollout:
         if choice is not None and choice.settings.bodies is not None:
             late.append(
                 "bodies are those of the robot's file: with identified ones, motion "
-                'that was left out is predicted worse; bodies = "identified" '
+                'that was left out is not predicted better; bodies = "identified" '
                 "(--bodies identified) keeps these"
             )
         lines = (self.rollout.sentence, *late, *verdict.lines)
@@ -184,7 +184,9 @@ class ProblemRollout:
             which = "all joints have" if s.spring else "no joint has"
             notes.append(f"{which} a spring in its torque")
         if not s.couplings:
-            notes.append("without the problem's coupled gears, which predict worse")
+            notes.append(
+                "without the problem's coupled gears, which do not predict better"
+            )
         notes += [f"not tried: {reason}" for reason in choice.skipped]
         title = "Settings chosen on parts of the training motion"
         return Table(title, tuple(cells), (tuple(cells.values()),), tuple(notes))
@@ -336,7 +338,7 @@ def rollout_of(
         if choose:
             begin("cut-off, delay and friction")
             try:
-                choice = chosen_settings(study.problem)
+                choice = chosen_settings(study.problem, refine=refine)
             except ConsistentIdError as reason:
                 notes.append(f"Settings are as stated: {reason}")
         ways = dict.fromkeys([(choice, refine), (choice, False), (None, False)])
@@ -344,7 +346,7 @@ def rollout_of(
         for settings, refining in better:
             try:
                 done = _rolled(study, settings, refining, against, form, begin)
-            except RecordingError as reason:
+            except (RecordingError, NotExcitedError) as reason:
                 what = "not refined" if refining else "not with the chosen settings"
                 notes.append(f"The replayed estimate is {what}: {reason}")
             else:

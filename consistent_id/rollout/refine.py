@@ -47,6 +47,7 @@ RIDGE = 0.1
 _LEAST = 0.05  # of the largest joint's error: no joint's weight runs away
 _HALVINGS = 3  # of a step that makes the error larger
 _ENOUGH = 0.002  # relative gain of a step, below which there is no other
+_SAME = 1e-9  # relative effect below which parameters have the same one
 
 
 @brief
@@ -262,7 +263,8 @@ def _goal(
     r = ((linear.errors if errors is None else errors) / start.level[:, None]).ravel()
     along = Q.T @ r
     rows = np.zeros((len(R) + 1, len(x) + 1))
-    rows[:-1, free], rows[:-1, -1] = R, R @ x[free] - along
+    rows[:-1, :-1] = _by_base(R, start)
+    rows[:-1, -1] = rows[:-1, :-1] @ x - along
     rows[-1, -1] = np.sqrt(max(float(r @ r - along @ along), 0.0))
     combined = _with_rows(start.regression, rows, ridge)
     fit = best_fit(estimate.model, combined, start.constraints, base=estimate.base)
@@ -281,6 +283,19 @@ def _factored(
     J = linear.by_parameter[:, :, own] / np.frombuffer(level)[:, None, None]
     Q, R = np.linalg.qr(J.reshape(-1, len(own)))
     return Q, R
+
+
+def _by_base(R: Matrix, start: RefinementStart) -> Matrix:
+    """Return derivatives by all parameters of which those by the free ones are `R`.
+
+    Motion depends on base parameters alone, as torque does, and a fit takes the columns
+    of those parameters that lead them.  Finite differences depend on the others by
+    rounding, and fixed parameters have none: the derivatives by base parameters are
+    those nearest to the free ones', each in units of its own step.
+    """
+    projection, step = start.estimate.base.projection, start.changes[start.free]
+    by_step = np.linalg.pinv(projection[:, start.free] * step, rcond=_SAME)
+    return np.asarray((R * step) @ by_step @ projection)
 
 
 def _with_rows(regression: Regression, rows: Matrix, ridge: float) -> Regression:

@@ -4,38 +4,27 @@ It is tried on the parts of the training motion on which settings are chosen: a 
 from the fit to one part has to predict the other part, both ways.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id.errors import ConsistentIdError, RecordingError
-from consistent_id.estimation.estimate import Estimate
+from consistent_id.errors import ConsistentIdError
 from consistent_id.problems.problem import Problem
 from consistent_id.rollout.chosen_settings import cutoffs
-from consistent_id.rollout.motion_parts import Spans, slow_and_fast, within
-from consistent_id.rollout.refine import (
-    RefinementStart,
-    full_step,
-    refined_once,
-    refinement_start,
-)
-from consistent_id.rollout.rollout_slopes import Replays
+from consistent_id.rollout.delay_interval import without_rests
+from consistent_id.rollout.motion_parts import within
+from consistent_id.rollout.refine import full_step
+from consistent_id.rollout.refined_parts import PartStart, refined_parts
 from consistent_id.rollout.settings import (
-    BLOCKS_OF_PART,
     Settings,
     block_squares,
     compared_fit,
-    difference_error,
     gains_of,
-    torque_fit,
+    is_larger,
     with_settings,
 )
-
-RIDGES = (0.1, 0.3, 1.0)
-"""Weights of the torque fit that are tried, from large steps to small ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,56 +73,15 @@ def chosen_ridge(problem: Problem, settings: Settings | None = None) -> RidgeCho
         If the problem has no gains.
     """
     gains_of(problem)
-    squares: dict[float | None, list[Vector]] = {r: [] for r in (None, *RIDGES)}
-    reason, starts = None, list[_PartStart]()
-    try:
-        slow, fast = slow_and_fast(problem)
-        for learnt, other in ((slow, fast), (fast, slow)):
-            for ridge, of_blocks in _squares(problem, learnt, other, starts):
-                squares[ridge].append(of_blocks)
-    except ConsistentIdError as why:
-        reason = str(why)
+    found = refined_parts(problem)
     errors = {
         ridge: float(np.sqrt(np.sum(s))) if len(s) == 2 else np.inf
-        for ridge, s in squares.items()
+        for ridge, s in found.squares.items()
     }
-    best = None if reason else best_ridge(squares)
-    choice = RidgeChoice(best, errors, reason)
-    if settings is None or choice.ridge is None:
+    choice = RidgeChoice(found.ridge, errors, found.reason)
+    if settings is None or choice.ridge is None or without_rests(problem, settings):
         return choice
-    return _lowered(problem, settings, choice, choice.ridge, starts)
-
-
-def best_ridge(squares: Mapping[float | None, Sequence[Vector]]) -> float | None:
-    """Return the weight with the least error that is worse on neither part.
-
-    Parameters
-    ----------
-    squares : mapping of (float or None) to sequence of ndarray, shape (blocks,)
-        Squared errors of the blocks of each part, for the weights and without
-        refinement (None).  Worse is what is worse by more than the standard error of
-        the difference over blocks.
-    """
-
-    def worse(now: Vector, before: Vector) -> bool:
-        if not (np.isfinite(now).all() and np.isfinite(before).all()):
-            return not np.isfinite(now).all()
-        return bool((now - before).sum() > difference_error(now - before))
-
-    kept = [
-        ridge
-        for ridge, parts in squares.items()
-        if ridge is None or not any(map(worse, parts, squares[None]))
-    ]
-    return min(kept, key=lambda ridge: float(np.sum(squares[ridge])))
-
-
-class _PartStart(NamedTuple):
-    """The start of a refinement on one part; the other part judges it."""
-
-    learnt: Spans
-    other: Spans
-    start: RefinementStart
+    return _lowered(problem, settings, choice, choice.ridge, found.starts)
 
 
 def _lowered(
@@ -141,14 +89,15 @@ def _lowered(
     settings: Settings,
     choice: RidgeChoice,
     ridge: float,
-    starts: Sequence[_PartStart],
+    starts: Sequence[PartStart],
 ) -> RidgeChoice:
     """Return the choice with the lowest cut-off that predicts as well, refined.
 
     Cut-offs are chosen by rollouts of torque fits, but it is the refined estimate that
     is wanted, and noise of the motion biases the torque fit that it keeps to.  Lower
     ones are tried in turn, until the error of refined estimates on the other part is
-    larger by more than the standard error of the difference over blocks.
+    larger by more than chance.  Where rows of slow joints are left out, none is tried:
+    a filter's reach around reversals grows, and few rows would be left.
     """
 
     def squares(cutoff: float) -> Vector:
@@ -170,35 +119,7 @@ def _lowered(
             break
         errors[cutoff] = float(np.sqrt(now.sum()))
         first = now if first is None else first
-        if (now - first).sum() > difference_error(now - first):
+        if is_larger(now, first):
             break
         best = cutoff
     return replace(choice, cutoffs=errors, cutoff=best)
-
-
-def _squares(
-    problem: Problem, learnt: Spans, other: Spans, starts: list[_PartStart]
-) -> Iterator[tuple[float | None, Vector]]:
-    """Yield the squared errors of one part's blocks, by fits to the other part.
-
-    They are infinite where rollouts diverge.  One step shows whether a refinement
-    predicts; all weights share its derivatives, which are added to `starts`.
-    """
-    logs = problem.logs("training")
-    estimate, regression = torque_fit(problem, within(problem.training, learnt))
-    others = within(logs, other)
-
-    def squares(moved: Estimate) -> Vector:
-        try:
-            return block_squares(problem, moved, others)
-        except RecordingError:
-            return np.full(BLOCKS_OF_PART, np.inf)
-
-    yield None, squares(estimate)
-    replays = Replays.of(estimate, within(logs, learnt), gains_of(problem))
-    start = refinement_start(
-        replays, regression, problem.constraints, problem.delay_of_commands
-    )
-    starts.append(_PartStart(learnt, other, start))
-    for ridge in RIDGES:
-        yield ridge, squares(replace(estimate, parameters=refined_once(start, ridge)))

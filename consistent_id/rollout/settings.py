@@ -43,6 +43,7 @@ from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import require_known
 from consistent_id.rollout.commanded_motion import replay, replayable
+from consistent_id.rollout.delay_search import student
 from consistent_id.rollout.motion_parts import Spans, within
 from consistent_id.rollout.replay_model import SEARCH_STEP, STEP, replay_model
 
@@ -433,6 +434,17 @@ def block_squares(
 def difference_error(squares: Vector) -> float:
     """Return the standard error of a sum over blocks."""
     return float(np.std(squares, ddof=1) * np.sqrt(len(squares)))
+
+
+def is_larger(now: Vector, before: Vector) -> bool:
+    """Return whether squared errors of blocks are larger by more than chance (95 %).
+
+    Infinite ones, of motions that diverge, are larger than others.
+    """
+    if not (np.isfinite(now).all() and np.isfinite(before).all()):
+        return not np.isfinite(now).all()
+    more = now - before
+    return bool(more.sum() > student(len(more)) * difference_error(more))
 
 
 def error_of_parts(problem: Problem, parts: tuple[Spans, Spans]) -> float:

@@ -18,6 +18,7 @@ from consistent_id.rollout import (
     chosen_settings,
     problem_rollout,
     refine,
+    refined_parts,
     refinement_choice,
 )
 from consistent_id.rollout.motion_parts import slow_and_fast
@@ -132,7 +133,7 @@ def test_parameters_that_torque_feels_by_rounding_alone_have_no_finite_step(prob
 def test_a_part_whose_fit_diverges_is_not_refined_and_the_run_goes_on(
     problem, monkeypatch
 ):
-    monkeypatch.setattr(refinement_choice, "torque_fit", unstable)
+    monkeypatch.setattr(refined_parts, "torque_fit", unstable)
     done = rollout_of(Study(problem), refine=True)
     assert done.refinement is None and done.ridge.ridge is None
     assert set(done.ridge.errors.values()) == {np.inf}
@@ -185,7 +186,7 @@ def test_a_run_whose_settings_cannot_be_chosen_has_those_that_are_stated(
         raise RecordingError("too short for two parts")
 
     monkeypatch.setattr(chosen_settings, "slow_and_fast", none)
-    monkeypatch.setattr(refinement_choice, "slow_and_fast", none)
+    monkeypatch.setattr(refined_parts, "slow_and_fast", none)
     done = rollout_of(Study(problem), choose=True, refine=True)
     assert done.settings is None and done.refinement is None
     assert done.problem.table == problem.table

@@ -38,7 +38,8 @@ from consistent_id.rollout.chosen_settings import (  # noqa: E402
 from consistent_id.rollout.commanded_motion import replay  # noqa: E402
 from consistent_id.rollout.delay_search import MOST  # noqa: E402
 from consistent_id.rollout.problem_rollout import rollout_of  # noqa: E402
-from consistent_id.rollout.refinement_choice import RIDGES, chosen_ridge  # noqa: E402
+from consistent_id.rollout.refined_parts import RIDGES  # noqa: E402
+from consistent_id.rollout.refinement_choice import chosen_ridge  # noqa: E402
 from consistent_id.rollout.replay_model import SEARCH_STEP  # noqa: E402
 from consistent_id.rollout.rollout_slopes import Replays  # noqa: E402
 from consistent_id.rollout.settings import (  # noqa: E402

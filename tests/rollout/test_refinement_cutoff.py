@@ -18,6 +18,7 @@ from consistent_id.rollout import refinement_choice as chosen
 from consistent_id.rollout.chosen_settings import SettingsChoice
 from consistent_id.rollout.problem_rollout import rollout_of
 from consistent_id.rollout.refine import full_step, refinement_start
+from consistent_id.rollout.refined_parts import PartStart, best_ridge
 from consistent_id.rollout.rollout_slopes import Replays
 from consistent_id.rollout.settings import Settings, torque_fit
 
@@ -43,7 +44,7 @@ class Fit:
         # Errors of blocks beyond those with 30 Hz: the same, less, more.
         ({20.0: [0.0] * 4, 15.0: [-1, 0.5, 0, 0.3], 10.0: [1] * 4}, 15.0, 4),
         ({20.0: [3.0, -1.0, -1.0, 0.5], 15.0: [9, -3, -3, 1]}, 15.0, 3),
-        ({20.0: [1.0, 1.0, 1.0, 0.9], 15.0: [-1] * 4}, 30.0, 2),
+        ({20.0: [2.0, 2.0, 2.0, 1.9], 15.0: [-1] * 4}, 30.0, 2),
         ({20.0: None, 15.0: [-1] * 4}, 30.0, 1),
     ],
     ids=["less", "within its error", "more", "diverges"],
@@ -74,7 +75,7 @@ def test_a_refinement_begins_at_the_lowest_cutoff_that_predicts_as_well(
     log = SimpleNamespace(rate=200.0)
     problem = SimpleNamespace(logs=lambda role: [log], training=[log])
     choice = chosen.RidgeChoice(0.3, {None: 2.0, 0.3: 1.0})
-    starts = [chosen._PartStart((), (), None)]
+    starts = [PartStart((), (), None)]
     settings = Settings(cutoff=30.0)
     found = chosen._lowered(problem, settings, choice, 0.3, starts)
     assert found.cutoff == best and found.ridge == 0.3
@@ -99,12 +100,12 @@ SPREAD = np.array([9.0, -3.0, -3.0, 1.0])
     ids=["both", "another", "none", "within its error", "diverges", "as good"],
 )
 def test_a_refinement_that_loses_on_a_part_is_not_taken(of_parts, best):
-    assert chosen.best_ridge({None: (EVEN, EVEN), **of_parts}) == best
+    assert best_ridge({None: (EVEN, EVEN), **of_parts}) == best
 
 
 def test_a_refinement_of_a_fit_that_diverges_is_taken():
     parts = {None: (EVEN, EVEN * np.inf), 0.1: (EVEN, EVEN)}
-    assert chosen.best_ridge(parts) == 0.1
+    assert best_ridge(parts) == 0.1
 
 
 def test_a_whole_step_from_the_start_itself_is_its_first_step(problem):
@@ -139,7 +140,9 @@ def test_the_cutoff_of_a_refinement_is_that_of_the_study(problem, monkeypatch, f
         return chosen.RidgeChoice(0.3, errors, None, *lowered)
 
     choice = SettingsChoice(settings, 2.5e-3, ((settings, 2.5e-3),))
-    monkeypatch.setattr(problem_rollout, "chosen_settings", lambda problem: choice)
+    monkeypatch.setattr(
+        problem_rollout, "chosen_settings", lambda problem, refine: choice
+    )
     monkeypatch.setattr(problem_rollout, "chosen_ridge", ridge)
     done = rollout_of(Study(problem), choose=True, refine=True, form=form)
     expected = 10.0 if form is None else 15.0
