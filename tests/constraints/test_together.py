@@ -105,6 +105,18 @@ def test_results_do_not_depend_on_how_many_are_handed_over_at_once():
     np.testing.assert_allclose(found.x[:70], some.x, rtol=0, atol=1e-3)
 
 
+@pytest.mark.parametrize("equalities", [0, 2])
+def test_without_cones_gradients_vanish_along_the_equalities(equalities):
+    P, q, (equal, *_) = programmes(2, (), 6, equalities=equalities, alike=False)
+    found = solve_together(P, q, [equal], tolerance=TOLERANCE)
+    assert found.ended.all()
+    slopes = np.einsum("kij,kj->ki", P, found.x) + q
+    E = equal.A
+    along = slopes.T - E.T @ np.linalg.lstsq(E.T, slopes.T, rcond=None)[0]
+    np.testing.assert_allclose(along, 0.0, atol=1e-9)
+    np.testing.assert_allclose(found.x @ E.T - equal.b, 0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize("count", [1, 7])
 def test_what_has_no_optimum_does_not_end(count):
     A = np.array([[1.0], [-1.0]])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from elbow_files import refused, written
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import log_format
@@ -10,17 +11,6 @@ from consistent_id.recordings.readers import (
     csv,
     read_recording,
 )
-
-
-def written(tmp_path, text, name="log.csv"):
-    path = tmp_path / name
-    path.write_bytes(text.encode())
-    return path
-
-
-def refused(tmp_path, text, message, columns=None):
-    with pytest.raises(RecordingError, match=rf"log\.csv.*{message}"):
-        read_recording(written(tmp_path, text), ["elbow"], columns)
 
 
 @pytest.mark.parametrize(("separator", "mark"), [(",", "."), (";", ",")])

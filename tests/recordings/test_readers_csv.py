@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from elbow_files import refused, written
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,17 +22,6 @@ from consistent_id.recordings.readers.used_rows import UsedRows
 REPEATABLE = settings(derandomize=True, deadline=None, max_examples=60)
 NUMBER = st.floats(allow_nan=False, allow_infinity=False, width=64)
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t"}
-
-
-def written(tmp_path, text, name="log.csv"):
-    path = tmp_path / name
-    path.write_bytes(text.encode())
-    return path
-
-
-def refused(tmp_path, text, message, columns=None):
-    with pytest.raises(RecordingError, match=rf"log\.csv.*{message}"):
-        read_recording(written(tmp_path, text), ["elbow"], columns)
 
 
 @pytest.mark.slow

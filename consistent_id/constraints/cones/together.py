@@ -16,6 +16,7 @@ certificates check what is delivered.
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -26,12 +27,12 @@ from consistent_id.constraints.cones.scalings import Cone, Scaling, cones_of
 from consistent_id.constraints.cones.sets import row_spaces
 
 _ITERATIONS = 50  # ten are usual
-_TO_BOUNDARY = 0.99
-_NEAR = 0.1
-_STUCK = 1e-3  # share of the tolerance
+_TO_BOUNDARY = 0.99  # share of the way that a step takes
+_NEAR = 0.1  # relative gap of the place where programmes that are alike start
+_STUCK = 1e-3  # share of the tolerance below which a gap is that of no optimum
 _OUTSIDE = 1e-6  # error of rows, relative to the largest
 _RAISED = (0.0, 1e-14, 1e-12)  # of the diagonal
-_MANY = 5
+_MANY = 5  # programmes from which a common start is worth its time
 _AT_ONCE = 64  # programmes, whose matrices then fit into a processor's cache
 
 
@@ -96,12 +97,21 @@ def _in_parts(
     x, z = np.zeros_like(q), np.zeros((len(q), sum(len(r.b) for r in rows)))
     ended = np.zeros(len(q), dtype=bool)
     found, every = SolvedTogether(x, z, ended), _Programmes(P, q, least)
+    if not cones:
+        return _without_cones(every, found)
     with np.errstate(all="ignore"):
-        if len(q) >= _MANY:
-            like = _near_all(every, cones)
+        like = _near_all(every, cones) if len(q) >= _MANY else None
+        if like is not None:
             _solve_in_parts(every, cones, tolerance, found, like)
         _solve_in_parts(every, cones, tolerance, found)
     return found
+
+
+def _without_cones(every: "_Programmes", found: SolvedTogether) -> SolvedTogether:
+    """Return the points where gradients vanish."""
+    P, q, _ = every
+    factors, failed = _factors(np.tile(P, (len(q) // len(P), 1, 1)))
+    return found._replace(x=_solutions(factors, -q), ended=~failed)
 
 
 def _solve_in_parts(
@@ -284,26 +294,7 @@ def _stepped(now: _Iterate, cones: Sequence[Cone], rests: _Residuals) -> _Iterat
     for cone, w in both:
         cone.add_curvature(H, w)
     factors, failed = _factors(H)
-    beyond = [c.down(w, rest) for (c, w), rest in zip(both, rests.of_z, strict=True)]
-
-    def step(
-        wanted: Sequence[Matrix], *, refined: bool = False
-    ) -> tuple[Matrix, list[Matrix], list[Matrix]]:
-        """Return steps for which ``lam o (W dz + W^-T ds)`` is ``lam o wanted``."""
-        x = np.zeros_like(now.x)
-        dz = [r + d for r, d in zip(beyond, wanted, strict=True)]
-        for _ in range(1 + refined):
-            slope = rests.of_x + (now.of.P @ x[:, :, None])[:, :, 0]
-            for (cone, w), each in zip(both, dz, strict=True):
-                slope += cone.back(w, each) @ cone.A
-            more = _solutions(factors, -slope)
-            x = x + more
-            dz = [
-                each + cone.down(w, more @ cone.A.T)
-                for (cone, w), each in zip(both, dz, strict=True)
-            ]
-        return x, [d - each for d, each in zip(wanted, dz, strict=True)], dz
-
+    step = partial(_newton, now, both, rests, factors)
     _, ds, dz = step([-w[-1] for _, w in both])
     centring = (1.0 - np.minimum(1.0, _room(both, ds, dz))) ** 3
     target = centring * rests.gap / sum(cone.degree for cone in cones)
@@ -322,6 +313,37 @@ def _stepped(now: _Iterate, cones: Sequence[Cone], rests: _Residuals) -> _Iterat
         for (cone, w), s, z in zip(both, ds, dz, strict=True)
     ]
     return now._replace(x=now.x + share * x, scalings=scalings)
+
+
+def _newton(
+    now: _Iterate,
+    both: Sequence[tuple[Cone, Scaling]],
+    rests: _Residuals,
+    factors: Sequence[Matrix],
+    wanted: Sequence[Matrix],
+    *,
+    refined: bool = False,
+) -> tuple[Matrix, list[Matrix], list[Matrix]]:
+    """Return steps for which ``lam o (W dz + W^-T ds)`` is ``lam o wanted``.
+
+    They are those of ``x``, ``s`` and ``z``, the latter two scaled.
+    """
+    x = np.zeros_like(now.x)
+    dz = [
+        cone.down(w, rest) + d
+        for (cone, w), rest, d in zip(both, rests.of_z, wanted, strict=True)
+    ]
+    for _ in range(1 + refined):
+        slope = rests.of_x + (now.of.P @ x[:, :, None])[:, :, 0]
+        for (cone, w), each in zip(both, dz, strict=True):
+            slope += cone.back(w, each) @ cone.A
+        more = _solutions(factors, -slope)
+        x = x + more
+        dz = [
+            each + cone.down(w, more @ cone.A.T)
+            for (cone, w), each in zip(both, dz, strict=True)
+        ]
+    return x, [d - each for d, each in zip(wanted, dz, strict=True)], dz
 
 
 def _room(
