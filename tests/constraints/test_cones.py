@@ -197,6 +197,18 @@ def test_rough_squares_are_within_a_hundredth(unit):
         assert abs(square - least) <= 0.01 * max(unit, least)
 
 
+def test_rough_squares_are_as_exact_from_far_away():
+    problem, rng = _projection(3), np.random.default_rng(0)
+    u = solve_least_norm(problem).u
+    targets = problem.G @ u + 0.1 * rng.normal(size=(3, len(problem.g)))
+    far = u + 10.0 * rng.normal(size=len(u))
+    found = rough_squares(problem.G, targets, problem.domain, far, unit=0.1)
+    for square, g in zip(found, targets, strict=True):
+        nearest = solve_least_norm(replace(problem, g=g), origin=u).u
+        least = np.sum((problem.G @ nearest - g) ** 2)
+        assert abs(square - least) <= 0.01 * max(0.1, least)
+
+
 def test_where_no_square_is_found_there_is_none():
     A = np.array([[1.0], [-1.0]])
     empty = ConicSet.at_most(A, np.array([0.0, -1.0]), ["low", "high"])

@@ -79,10 +79,14 @@ def test_a_refinement_of_bodies_takes_the_step_that_lowers_its_errors(tmp_path):
     alike = np.ones((1, len(base))) @ base.projection
     kept = _by_base(alike[:, free], start)
     np.testing.assert_allclose(kept[:, free], alike[:, free], atol=1e-6)
+    # The smaller the torque fit's weight, the larger the step. With each derivative in
+    # its own column, in place of the base parameter's, the first leaves 48 %.
+    left = []
     for ridge in RIDGES:
         moved = refined_once(start, ridge)
         errors = replays.errors(moved, 0.003) / start.level[:, None]
-        assert np.sqrt((errors**2).mean()) < 0.97 * start.size
+        left.append(np.sqrt((errors**2).mean()) / start.size)
+    assert left == sorted(left) and left[0] < 0.42 and left[-1] < 0.97
 
 
 @pytest.mark.parametrize(("share", "taken"), [(1.01, True), (1.2, False)])

@@ -30,7 +30,7 @@ _ITERATIONS = 50  # ten are usual
 _TO_BOUNDARY = 0.99  # share of the way that a step takes
 _NEAR = 0.1  # relative gap of the place where programmes that are alike start
 _STUCK = 1e-3  # share of the tolerance below which a gap is that of no optimum
-_OUTSIDE = 1e-6  # error of rows, relative to the largest
+_EXACT = 1e-6  # error of rows and gradient, relative to the largest term
 _RAISED = (0.0, 1e-14, 1e-12)  # of the diagonal
 _MANY = 5  # programmes from which a common start is worth its time
 _AT_ONCE = 64  # programmes, whose matrices then fit into a processor's cache
@@ -70,7 +70,8 @@ def solve_together(
     q : ndarray, shape (programmes, variables)
     rows : sequence of ConeRows
     tolerance : float
-        On gap, rows and gradient, absolute or relative to the largest of their terms.
+        On gap, rows and gradient, absolute or relative to the largest of their terms;
+        on the latter two, a millionth at the most.
     least : ndarray, shape (programmes,), optional
         Constants of the objectives, which count when gaps are relative.
     """
@@ -84,6 +85,7 @@ def solve_together(
             replace(r, A=r.A @ steps, b=r.b - r.A @ start) if r.kind != "zero" else r
             for r in rows
         ]
+        least = least + (q + start @ P / 2.0) @ start
         q = (q + start @ P) @ steps
         found = _in_parts(steps.T @ P @ steps, q, along, least, tolerance)
         return found._replace(x=start + found.x @ steps.T)
@@ -279,10 +281,11 @@ def _residuals(
     objective = np.minimum(abs(primal), abs(now.of.least - half - price))
     terms = np.maximum(abs(curved), abs(now.of.q)).max(axis=1)
     terms = np.maximum(1.0, np.maximum(terms, abs(forces).max(axis=1)))
+    exact = min(tolerance, _EXACT)
     within = (
         (gap <= tolerance * np.maximum(1.0, objective))
-        & (abs(of_x).max(axis=1) <= tolerance * terms)
-        & (beyond <= min(tolerance, _OUTSIDE) * size)
+        & (abs(of_x).max(axis=1) <= exact * terms)
+        & (beyond <= exact * size)
     )
     return _Residuals(of_x, of_z, gap, within)
 
