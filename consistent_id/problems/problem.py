@@ -332,7 +332,8 @@ class Problem:
         """Yield logs, and the times between which they are used."""
         for entry in self._data().recordings:
             if entry.role == role:
-                yield self._shared_log(entry), span_of(self._raw(entry), entry)
+                read = self.read(entry.file, omit=entry.omit)
+                yield self._shared_log(entry), span_of(read, entry)
 
     def _log(
         self,

@@ -80,8 +80,7 @@ def in_form_of(problem: Problem, form: str) -> Problem:
         raise ProblemError(f"no form of friction {form!r}, expected one of {known}")
     changed = table_in_form_of(problem.table, form)
     made = problem_of(changed, problem.source or problem.folder / "problem.toml")
-    made._read.update(problem._read)
-    return replace(made, source=problem.source)
+    return _same_logs(made, problem)
 
 
 def table_in_form_of(table: ProblemTable, form: str) -> ProblemTable:
@@ -209,9 +208,14 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
     # The robot is the problem's; behind a wrench sensor, the file's is another one.
     alike = table.wrist_sensor is None
     model = _driven(changed, problem.model.robot) if alike else None
-    made = problem_of(changed, file, model=model)
-    made._read.update(problem._read)
-    return replace(made, source=problem.source)
+    return _same_logs(problem_of(changed, file, model=model), problem)
+
+
+def _same_logs(made: Problem, problem: Problem) -> Problem:
+    """Return a problem of the same file, with the logs that were read already."""
+    same = replace(made, source=problem.source)
+    same._read.update(problem._read)
+    return same
 
 
 def _drive_terms(settings: Settings) -> dict[str, Any]:

@@ -45,6 +45,7 @@ from consistent_id.rollout.rollout_slopes import Replays  # noqa: E402
 from consistent_id.rollout.settings import (  # noqa: E402
     Settings,
     compared_fit,
+    in_form_of,
     replay_errors,
     rollout_error,
     torque_fit,
@@ -210,8 +211,9 @@ def test_a_problem_without_gains_has_no_rollout():
         with_settings(load_problem("problems/rx60"), Settings())
 
 
-def test_settings_of_equal_drives_share_a_model_and_all_share_the_robot(folder):
+def test_settings_of_equal_drives_share_a_model_and_all_share_robot_and_logs(folder):
     problem = load_problem(folder)
+    problem.logs("training")
     plain, late, wide = (
         with_settings(problem, settings)
         for settings in (
@@ -223,6 +225,8 @@ def test_settings_of_equal_drives_share_a_model_and_all_share_the_robot(folder):
     assert plain.model is late.model
     assert wide.model is not plain.model
     assert wide.model.robot is plain.model.robot is problem.model.robot
+    for one in (plain, late, wide, in_form_of(problem, "urdf")):
+        assert one.read("log.csv") is problem.read("log.csv")
     with pytest.raises(ProblemError, match="friction_slope: no joint 'toe'"):
         with_settings(problem, Settings(friction_slope=("toe",)))
 
