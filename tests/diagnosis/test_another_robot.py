@@ -8,7 +8,7 @@ from known_arm import OTHER_ROWS, arm, logged
 from spoilt_arm import FAULTS, LITTLE, factor_logs, faulty
 
 from consistent_id import InertialParameters, TorqueModel, simulate_torque
-from consistent_id.diagnosis import LogFinding, diagnose
+from consistent_id.diagnosis import LogFinding, all_logs, diagnose
 from consistent_id.diagnosis.all_logs import _without_wrong_gains
 from consistent_id.diagnosis.another_robot import (
     _distance_of_loaded,
@@ -39,6 +39,16 @@ def test_one_fault_makes_no_other_robot(kind, place, size):
 def test_a_diagnosis_names_another_robot_before_its_effects():
     _, log = logged(5, spread=0.5, friction=LITTLE)
     assert diagnose(arm(OTHER_ROWS), [log]).findings[0].kind == "another robot"
+
+
+@pytest.mark.slow
+def test_another_robot_is_a_note_where_the_unit_of_torque_is_one(monkeypatch):
+    unit = LogFinding("torque unit", "note", "all joints", "in N cm", "state it", 1.0)
+    monkeypatch.setattr(all_logs, "findings_of", lambda *given: [unit])
+    _, log = logged(5, spread=0.5, friction=LITTLE)
+    other, told = diagnose(arm(OTHER_ROWS), [log]).findings
+    assert (other.kind, other.severity) == ("another robot", "note")
+    assert told == replace(unit, recording=log.name)
 
 
 @pytest.mark.slow

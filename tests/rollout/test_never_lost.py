@@ -24,7 +24,7 @@ from consistent_id.rollout import (
 from consistent_id.rollout.motion_parts import slow_and_fast
 from consistent_id.rollout.problem_rollout import rollout_of
 from consistent_id.rollout.rollout_slopes import finite_changes
-from consistent_id.rollout.settings import replay_errors, torque_fit
+from consistent_id.rollout.settings import Settings, replay_errors, torque_fit
 
 
 @pytest.fixture(scope="module")
@@ -153,6 +153,19 @@ def test_a_refined_estimate_that_diverges_later_falls_back(problem, monkeypatch)
     (note,) = done.notes
     assert "not refined" in note and "diverges" in note
     assert note in titles(done) and done.to_dict()["notes"] == [note]
+
+
+@pytest.mark.slow
+def test_settings_that_leave_no_rows_fall_back_to_those_that_are_stated(
+    problem, monkeypatch
+):
+    still = chosen_settings.SettingsChoice(Settings(least_joint_speed=1e3), 1e-3, ())
+    monkeypatch.setattr(problem_rollout, "chosen_settings", lambda *a, **k: still)
+    done = rollout_of(Study(problem), choose=True)
+    assert done.settings is None and done.problem.table == problem.table
+    (note,) = done.notes
+    assert note.startswith("The replayed estimate is not with the chosen settings: ")
+    assert "hip" in note  # which joint has no rows
 
 
 @pytest.mark.parametrize(("before", "after"), [(0, 540), (540, 0), (300, 300)])
