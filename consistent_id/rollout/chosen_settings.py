@@ -1,6 +1,6 @@
 """Settings of a torque fit, chosen by rollouts of motion that it has not seen.
 
-One setting is changed at a time, from a plain start; see `squares_of_parts`.  A
+One setting is changed at a time, from a plain start; see `Candidates`.  A
 candidate that cannot be built is skipped, with its reason.
 """
 
@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
-from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.estimation.transmission_springs import joint_springs
 from consistent_id.problems.problem import Problem
 from consistent_id.robot.chains import mirrored_motors
 from consistent_id.robot.scaling import placeholders
+from consistent_id.rollout.candidates import Candidates
 from consistent_id.rollout.delay_interval import (
     ALIKE,
     SPEEDS,
@@ -29,14 +28,11 @@ from consistent_id.rollout.delay_search import (
     FoundDelay,
     found_delay,
 )
-from consistent_id.rollout.motion_parts import slow_and_fast
 from consistent_id.rollout.refined_parts import refined_parts
 from consistent_id.rollout.settings import (
-    BLOCKS_OF_PART,
     Settings,
     gains_of,
     is_larger,
-    squares_of_parts,
     table_in_form_of,
     with_settings,
 )
@@ -107,54 +103,6 @@ def _listed(groups: Sequence[Sequence[str]]) -> str:
     return "; ".join(", ".join(group) for group in groups)
 
 
-class _Candidates:
-    """Settings that were tried, on parts of the training motion."""
-
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        self.parts = slow_and_fast(problem)
-        self.tried: dict[Settings, float] = {}
-        self.skipped: dict[str, None] = {}
-        self.built = False  # whether any was, though its rollouts may diverge
-        self._squares: dict[Settings, Vector] = {}
-
-    def squares(self, settings: Settings) -> Vector:
-        """Return the sums of squared errors of blocks; infinite if it cannot be built.
-
-        Both parts count alike.
-        """
-        if settings not in self._squares:
-            try:
-                made = with_settings(self.problem, settings)
-                found = squares_of_parts(made, self.parts)
-                self.built = True
-            except ConsistentIdError as reason:
-                self.skipped[str(reason)] = None
-                found = np.full(2 * BLOCKS_OF_PART, np.inf)
-            self._squares[settings] = found
-            self.tried[settings] = float(np.sqrt(found.sum()))
-        return self._squares[settings]
-
-    def error(self, settings: Settings) -> float:
-        """Return the root-mean-square error of rollouts of parts not learnt from."""
-        self.squares(settings)
-        return self.tried[settings]
-
-    def none_found(self) -> RecordingError:
-        """Return why no settings have an error."""
-        seen = "; ".join(self.skipped)
-        if self.built:
-            what = (
-                "with no settings the rollouts stay near the robot; check gains, "
-                "columns and units"
-            )
-        else:
-            what = "no settings can be fitted to a part of the training motion"
-        return RecordingError(
-            f"problem {self.problem.name!r}: {what}{seen and '. Seen: ' + seen}"
-        )
-
-
 def chosen_settings(
     problem: Problem, start: Settings | None = None, *, refine: bool = False
 ) -> SettingsChoice:
@@ -176,7 +124,7 @@ def chosen_settings(
         motion for two parts.
     """
     gains_of(problem)
-    candidates = _Candidates(problem)
+    candidates = Candidates(problem)
     error = candidates.error
     groups = _sloped_groups(problem)
     if start is None:
@@ -195,15 +143,16 @@ def chosen_settings(
         best = _with_fewer_terms(best, problem, candidates)
     near = [best.delay - NEAR, best.delay, best.delay + NEAR]
     found = _delayed(best, candidates, near, most)
-    best = min((best, replace(best, delay=found.delay)), key=error)
+    late = replace(best, delay=found.delay)
+    best = late if np.isfinite(error(late)) else best
     found = replace(found, delay=best.delay)
     if not np.isfinite(error(best)):
         raise candidates.none_found()
-    others = other_frictions(problem, best, candidates.parts, candidates.squares)
+    others = other_frictions(problem, best, candidates)
     tried_without = rested.least_joint_speed is not None
     if tried_without and best.least_joint_speed is None:
         if error(rested) <= ALIKE * error(best):
-            others.append(lambda d: candidates.squares(replace(rested, delay=d)))
+            others.append(candidates.by_delay(rested))
     tried = tuple(candidates.tried.items())
     skipped = list(candidates.skipped)
     if unbounded := _without_range(problem):
@@ -245,14 +194,14 @@ def _with_terms(
 
 
 def _delayed(
-    best: Settings, candidates: _Candidates, first: Sequence[float], most: float
+    best: Settings, candidates: Candidates, first: Sequence[float], most: float
 ) -> FoundDelay:
-    """Return the delay of commands with the least error, and its standard error."""
-    return found_delay(
-        lambda delay: candidates.squares(replace(best, delay=delay)),
-        [*first, best.delay],
-        most,
-    )
+    """Return the delay of commands with the least error, and its standard error.
+
+    The faster part judges it: friction of slow motion that the model lacks looks like
+    a delay, and a delay matters to fast motion.
+    """
+    return found_delay(candidates.by_delay(best), [*first, best.delay], most)
 
 
 def _shaped(
@@ -269,7 +218,7 @@ def _shaped(
 
 
 def _with_bodies(
-    best: Settings, problem: Problem, candidates: _Candidates, most: float
+    best: Settings, problem: Problem, candidates: Candidates, most: float
 ) -> Settings:
     """Return settings with the bodies of the robot's file, if these predict better.
 
@@ -296,7 +245,7 @@ def _may_take_bodies(problem: Problem) -> bool:
 
 
 def _with_fewer_terms(
-    best: Settings, problem: Problem, candidates: _Candidates
+    best: Settings, problem: Problem, candidates: Candidates
 ) -> Settings:
     """Return settings without coupled gears, and with the file's bodies, if not worse.
 
@@ -325,7 +274,7 @@ def _with_fewer_terms(
 
 
 def _without_rests(
-    start: Settings, problem: Problem, candidates: _Candidates, most: float
+    start: Settings, problem: Problem, candidates: Candidates, most: float
 ) -> Settings:
     """Return settings that leave out the rows of slow joints, if that may be better.
 
@@ -371,7 +320,7 @@ def _climbed(
     return best
 
 
-def _with_motors(best: Settings, problem: Problem, candidates: _Candidates) -> Settings:
+def _with_motors(best: Settings, problem: Problem, candidates: Candidates) -> Settings:
     """Return settings with equal motors of limbs that mirror each other, if not worse.
 
     They have fewer parameters, so they are taken unless their error is larger by

@@ -22,11 +22,12 @@ from consistent_id.errors import ConsistentIdError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording, velocities
+from consistent_id.rollout.candidates import Candidates
 from consistent_id.rollout.commanded_motion import replayable
 from consistent_id.rollout.delay_search import NEAR, SAME, FoundDelay, found_delay
 from consistent_id.rollout.motion_parts import Spans, within
 from consistent_id.rollout.settings import (
-    BLOCKS_OF_PART,
+    BLOCKS_OF_DELAY,
     Settings,
     block_squares,
     compared_fit,
@@ -129,15 +130,13 @@ def delay_sentence(
 
 
 def other_frictions(
-    problem: Problem,
-    settings: Settings,
-    parts: tuple[Spans, Spans],
-    known: Callable[[Settings], Vector],
+    problem: Problem, settings: Settings, candidates: Candidates
 ) -> list[Callable[[float], Vector]]:
     """Return, for each other kind of friction, the squared errors for a delay [s].
 
-    They are infinite where its motion diverges.  A kind that cannot be built is left
-    out, such as friction that depends on the load of unknown bodies.
+    They are those of the faster part, and infinite where its motion diverges.  A kind
+    that cannot be built is left out, such as friction that depends on the load of
+    unknown bodies.
 
     Parameters
     ----------
@@ -145,27 +144,21 @@ def other_frictions(
         With gains.
     settings : Settings
         Those that were chosen.
-    parts : tuple
-        See `squares_of_parts`.
-    known : callable
-        ``settings -> squares_of_parts``, which has some of them already.
+    candidates : Candidates
+        What was tried.
     """
     if without_rests(problem, settings):
         # Friction that replays lack is not known without rows of slow joints.
-        least = known(settings).sum()
-        kinds = [
-            kind
-            for kind in _other_rows(problem, settings)
-            if known(kind).sum() <= ALIKE**2 * least
-        ]
-        return [partial(_delayed, known, kind) for kind in kinds]
+        most = ALIKE * candidates.error(settings)
+        kinds = _other_rows(problem, settings)
+        return [candidates.by_delay(k) for k in kinds if candidates.error(k) <= most]
 
     def squares(kind: Settings, delay: float) -> Vector:
         made = with_settings(problem, replace(kind, delay=delay))
         try:
-            return _squares(made, parts)
+            return _squares(made, *candidates.parts)
         except ConsistentIdError:
-            return np.full(2 * BLOCKS_OF_PART, np.inf)
+            return np.full(BLOCKS_OF_DELAY, np.inf)
 
     kinds = [kind for kind in _kinds(problem, settings) if _is_built(problem, kind)]
     return [partial(squares, kind) for kind in kinds]
@@ -176,12 +169,6 @@ def without_rests(problem: Problem, settings: Settings) -> bool:
     data = problem.table.data
     stated = None if data is None else data.preparation.least_joint_speed
     return settings.least_joint_speed is not None or stated is not None
-
-
-def _delayed(
-    known: Callable[[Settings], Vector], kind: Settings, delay: float
-) -> Vector:
-    return known(replace(kind, delay=delay))
 
 
 def _other_rows(problem: Problem, settings: Settings) -> list[Settings]:
@@ -219,16 +206,16 @@ def _speed(logs: Sequence[Recording]) -> float:
     return float(np.sqrt(np.median(np.mean(squares, axis=0))))
 
 
-def _squares(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:
-    """Return `squares_of_parts` with friction that MuJoCo lacks as torque over time."""
-    logs, found = problem.logs("training"), []
-    for learnt, other in (parts, parts[::-1]):
-        estimate, _ = compared_fit(problem, within(problem.training, learnt))
-        moved = within(problem.training, other)
-        others = [replayable(log) for log in within(logs, other)]
-        torques = _lacking(estimate, moved, others)
-        found.append(block_squares(problem, estimate, others, torques))
-    return np.concatenate(found)
+def _squares(problem: Problem, slow: Spans, fast: Spans) -> Vector:
+    """Return the errors of the faster part, with friction that MuJoCo lacks.
+
+    It is a torque over time.
+    """
+    estimate, _ = compared_fit(problem, within(problem.training, slow))
+    moved = within(problem.training, fast)
+    others = [replayable(log) for log in within(problem.logs("training"), fast)]
+    torques = _lacking(estimate, moved, others)
+    return block_squares(problem, estimate, others, torques, blocks=BLOCKS_OF_DELAY)
 
 
 def _lacking(

@@ -120,7 +120,8 @@ def test_a_true_delay_is_inside_though_friction_is_of_another_kind(tmp_path):
     pytest.importorskip("mujoco")
     from commanded_leg import write_leg
 
-    from consistent_id.rollout.chosen_settings import _Candidates, chosen_settings
+    from consistent_id.rollout.candidates import Candidates
+    from consistent_id.rollout.chosen_settings import chosen_settings
 
     write_leg(tmp_path, delay=0.007, stribeck=0.8)
     problem = load_problem(tmp_path)
@@ -129,10 +130,14 @@ def test_a_true_delay_is_inside_though_friction_is_of_another_kind(tmp_path):
     low, high = choice.delay_interval
     assert low < 0.007 < high < low + 0.006
     # With all rows, the delay makes up for friction: by scatter it is outside.
-    rows = replace(choice.settings, least_joint_speed=None, cutoff=10.0)
-    candidates = _Candidates(problem)
-    found = found_delay(lambda d: candidates.squares(replace(rows, delay=d)))
+    rows = replace(choice.settings, least_joint_speed=None)
+    candidates = Candidates(problem)
+    by_rows = candidates.by_delay(rows)
+    others = other_frictions(problem, rows, candidates)
+    assert delay_interval(found_delay(by_rows), others, MOST) is None  # far apart
+    rows = replace(rows, cutoff=7.5, velocity_scale=0.02)
+    found = found_delay(candidates.by_delay(rows))
     assert abs(found.delay - 0.007) > 2.0 * found.error
-    others = other_frictions(problem, rows, candidates.parts, candidates.squares)
+    others = other_frictions(problem, rows, candidates)
     low, high = delay_interval(found, others, MOST)
     assert low < 0.007 < high < low + 0.012

@@ -1,7 +1,6 @@
 """Springs between motors and links: closed forms, and a stiffness found again."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -21,11 +20,10 @@ from consistent_id.signals import PDGains
 mujoco = pytest.importorskip("mujoco")
 
 from consistent_id.rollout import replay, replay_model  # noqa: E402
+from consistent_id.rollout.candidates import Candidates  # noqa: E402
 from consistent_id.rollout.chosen_settings import with_springs  # noqa: E402
-from consistent_id.rollout.motion_parts import slow_and_fast  # noqa: E402
 from consistent_id.rollout.settings import (  # noqa: E402
     Settings,
-    error_of_parts,
     rollout_error,
     torque_fit,
     with_settings,
@@ -166,13 +164,7 @@ def test_springs_are_found_where_there_are_some_and_nowhere_else(problem):
     names = problem.model.robot.joint_names
     made = with_settings(problem, Settings(cutoff=20.0))
     found = joint_springs(made.model, made.training, constraints=made.constraints)
-    parts = slow_and_fast(problem)
-
-    @cache
-    def error(settings):
-        return error_of_parts(with_settings(problem, settings), parts)
-
-    chosen = with_springs(Settings(cutoff=20.0), problem, error)
+    chosen = with_springs(Settings(cutoff=20.0), problem, Candidates(problem).error)
     if hip > HIP:
         assert not found.compliance.any() and chosen.stiffness is None
         return

@@ -11,8 +11,8 @@ from commanded_leg import PROBLEM, write_leg
 
 from consistent_id import load_problem
 from consistent_id.rollout import chosen_settings as choice_module
+from consistent_id.rollout.candidates import Candidates
 from consistent_id.rollout.chosen_settings import (
-    _Candidates,
     _with_fewer_terms,
     _with_motors,
     chosen_settings,
@@ -21,6 +21,7 @@ from consistent_id.rollout.refine import _by_base, refined_once, refinement_star
 from consistent_id.rollout.refined_parts import RIDGES, RefinedParts
 from consistent_id.rollout.rollout_slopes import Replays
 from consistent_id.rollout.settings import (
+    BLOCKS_OF_DELAY,
     BLOCKS_OF_PART,
     Settings,
     is_larger,
@@ -50,17 +51,18 @@ def leg(folder, *changes, more=""):
 IDENTIFIED = ('bodies = "model"', 'masses = "datasheet"')
 
 
-class Stated(_Candidates):
+class Stated(Candidates):
     """Candidates whose squared errors are stated."""
 
     def __init__(self, problem, squares):
         super().__init__(problem)
         self._stated = squares
 
-    def squares(self, settings):
-        found = np.broadcast_to(self._stated(settings), BLOCKS)
-        self.tried[settings] = float(np.sqrt(found.sum()))
-        return found
+    def _of(self, settings, part):
+        fast, slow = np.split(np.broadcast_to(self._stated(settings), BLOCKS), 2)
+        halves = np.repeat(0.5 * (fast if part == "fast" else slow), 2)
+        assert len(halves) == BLOCKS_OF_DELAY
+        return halves
 
 
 def test_a_refinement_of_bodies_takes_the_step_that_lowers_its_errors(tmp_path):

@@ -15,6 +15,7 @@ from consistent_id import load_problem
 from consistent_id.errors import RecordingError
 from consistent_id.problems.study import Study
 from consistent_id.rollout import (
+    candidates,
     chosen_settings,
     problem_rollout,
     refine,
@@ -198,7 +199,7 @@ def test_a_run_whose_settings_cannot_be_chosen_has_those_that_are_stated(
     def none(problem):
         raise RecordingError("too short for two parts")
 
-    monkeypatch.setattr(chosen_settings, "slow_and_fast", none)
+    monkeypatch.setattr(candidates, "slow_and_fast", none)
     monkeypatch.setattr(refined_parts, "slow_and_fast", none)
     done = rollout_of(Study(problem), choose=True, refine=True)
     assert done.settings is None and done.refinement is None

@@ -27,9 +27,9 @@ from commanded_leg import PROBLEM, write_leg  # noqa: E402
 
 from consistent_id.problems.study import Study  # noqa: E402
 from consistent_id.rollout import rollout, rollout_slopes  # noqa: E402
+from consistent_id.rollout.candidates import Candidates  # noqa: E402
 from consistent_id.rollout.chosen_settings import (  # noqa: E402
     SettingsChoice,
-    _Candidates,
     _with_slopes,
     _with_terms,
     chosen_settings,
@@ -160,7 +160,7 @@ def test_a_candidate_that_cannot_be_built_is_skipped_with_its_reason(folder, tmp
     bare = (folder / "leg.xml").read_text().replace('range="-1.5 1.5"', "")
     (tmp_path / "leg.xml").write_text(bare)
     (tmp_path / "problem.toml").write_text(PROBLEM)
-    candidates = _Candidates(load_problem(tmp_path))
+    candidates = Candidates(load_problem(tmp_path))
     assert candidates.error(Settings(friction_slope=("hip",))) == np.inf
     (reason,) = candidates.skipped
     assert "hip" in reason

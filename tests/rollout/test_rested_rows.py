@@ -12,8 +12,8 @@ from commanded_leg import write_leg
 from consistent_id import load_problem
 from consistent_id.constraints import FixedBodies
 from consistent_id.rollout import chosen_settings as choice_module
+from consistent_id.rollout.candidates import Candidates
 from consistent_id.rollout.chosen_settings import (
-    _Candidates,
     _with_bodies,
     _without_rests,
     chosen_settings,
@@ -25,9 +25,8 @@ from consistent_id.rollout.delay_interval import (
     without_rests,
 )
 from consistent_id.rollout.delay_search import MOST
-from consistent_id.rollout.motion_parts import slow_and_fast
 from consistent_id.rollout.problem_rollout import rollout_of
-from consistent_id.rollout.settings import BLOCKS_OF_PART, Settings, with_settings
+from consistent_id.rollout.settings import BLOCKS_OF_DELAY, Settings, with_settings
 
 
 @pytest.fixture(scope="module")
@@ -37,17 +36,16 @@ def problem(tmp_path_factory):
     return load_problem(folder)
 
 
-class Stated(_Candidates):
+class Stated(Candidates):
     """Candidates whose error is stated."""
 
     def __init__(self, problem, error):
         super().__init__(problem)
         self._stated = error
 
-    def squares(self, settings):
+    def _of(self, settings, part):
         error = self._stated(settings)
-        self.tried[settings] = error
-        return np.full(2 * BLOCKS_OF_PART, error**2 / (2 * BLOCKS_OF_PART))
+        return np.full(BLOCKS_OF_DELAY, error**2 / (2 * BLOCKS_OF_DELAY))
 
 
 def off(settings, delay, cutoff):
@@ -163,14 +161,16 @@ def test_settings_state_the_speed_below_which_rows_are_left_out(problem):
 
 
 def test_delays_with_other_rows_left_out_count_if_they_predict_as_well(problem):
-    parts = slow_and_fast(problem)
     settings = Settings(cutoff=15.0, delay=0.003, least_joint_speed=0.02)
-    candidates = _Candidates(problem)
-    others = other_frictions(problem, settings, parts, candidates.squares)
-    assert others
+    candidates = Candidates(problem)
+    others = other_frictions(problem, settings, candidates)
+    tried = [other for other in candidates.tried if other != settings]
+    assert all(other.delay == settings.delay for other in tried)
     own = candidates.error(settings)
-    for squares in others:
-        assert np.sqrt(squares(0.003).sum()) <= ALIKE * own
+    as_well = [s for s in tried if candidates.error(s) <= ALIKE * own]
+    assert 0 < len(others) == len(as_well) < len(tried)
+    for squares, kind in zip(others, as_well, strict=True):
+        assert (squares(0.004) == candidates.by_delay(kind)(0.004)).all()
 
 
 @pytest.mark.slow
