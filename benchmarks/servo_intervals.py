@@ -1,20 +1,22 @@
 """The 95 % intervals of servos: true values in them, and differences between files.
 
     python benchmarks/servo_intervals.py [--servos 40] [--friction plain] [--splits 4]
-        [--write PAGE]
+        [--seed 0 ...] [--write PAGE]
 
 Servos with random parameters lift the pendulum of `benchmarks/servos.py` and are
 simulated by code that shares nothing with the package: steps of 0.1 ms, a firmware that
 reads an encoder of 12 bits each millisecond, duties of 885 steps, 190 Hz with uneven
 periods, three logs of 6 s at three gains.  Each servo is identified with its own form
-of friction.  Printed is, for each parameter, the share of intervals that contain the
-truth.  Of the real servo (CONSISTENT_ID_DATASETS), fits to disjoint halves of the logs,
-each with the three gains, are compared: printed is the share of differences within the
-intervals of both together.
+of friction.  Printed is the share of intervals that contain the truth, of all
+parameters and of the one with the fewest.  Of the real servo (CONSISTENT_ID_DATASETS),
+fits to disjoint halves of the logs, each with the three gains, are compared: printed is
+the share of differences within the intervals of both together.  Each parameter's share
+goes to stderr.
 """
 
 import argparse
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from itertools import combinations, product
 from pathlib import Path
@@ -52,6 +54,15 @@ LOADED: Mapping[str, tuple[float, float]] = {
     "motor_load_stribeck": (0.0, 0.2),
     "outer_load_stribeck": (0.0, 0.2),
 }
+SIMULATED = (
+    "| {} servos each | true values in their 95 % intervals | fewest "
+    "| median half width of `stall` | at a border, left out | CPU [s] each |\n"
+    "|---|---:|---:|---:|---:|---:|"
+)
+HALVES = (
+    "\n| {} splits of real logs each | differences within both intervals | fewest |\n"
+    "|---|---:|---:|"
+)
 SCALES = ("viscous", "armature", "coulomb")  # drawn by their logarithms
 
 
@@ -140,21 +151,27 @@ def simulated_logs(
     return [found[3 * servo : 3 * servo + 3] for servo in range(count)]
 
 
-def shares(ratios: Mapping[str, Sequence[float]], what: str) -> None:
-    """Print the share of errors within their intervals, by parameter."""
-    print(f"| parameter | {what} | of | median error/half width | largest |")
-    print("|---|--:|--:|--:|--:|")
+def shares(ratios: Mapping[str, Sequence[float]]) -> tuple[str, str]:
+    """Return the share of all errors within their intervals, and the fewest.
+
+    Each parameter's share goes to stderr.
+    """
+    within = {name: float(np.mean(np.array(v) <= 1.0)) for name, v in ratios.items()}
     for name, values in ratios.items():
-        each = np.array(values)
-        row = f"`{name}` | {np.mean(each <= 1.0):.1%} | {len(each)}"
-        print(f"| {row} | {np.median(each):.2f} | {each.max():.2f} |")
+        middle, largest = np.median(values), np.max(values)
+        text = f"{name:24}{within[name]:8.1%} of {len(values):3}, error/half width"
+        text += f" {middle:.2f} median, {largest:.2f} most"
+        print(text, file=sys.stderr, flush=True)
     every = np.concatenate([np.array(values) for values in ratios.values()])
-    row = f"all | {np.mean(every <= 1.0):.1%} | {len(every)}"
-    print(f"| {row} | {np.median(every):.2f} | {every.max():.2f} |", flush=True)
+    fewest = min(within, key=within.__getitem__)
+    return (
+        f"{np.mean(every <= 1.0):.1%} of {len(every)}",
+        f"`{fewest}` {within[fewest]:.1%}",
+    )
 
 
 def of_simulated(robot: RobotModel, form: str, count: int, seed: int) -> None:
-    """Identify simulated servos, and compare them with the truth."""
+    """Identify simulated servos, and compare them with the truth, in a row."""
     rng = np.random.default_rng(seed)
     servos = drawn(form, count, rng)
     ratios: dict[str, list[float]] = {name: [] for name in servos}
@@ -170,15 +187,16 @@ def of_simulated(robot: RobotModel, form: str, count: int, seed: int) -> None:
                 ratios[name].append(float(off / half))
                 sizes[name].append(float(half / max(abs(truth[place]), 1e-9)))
     seconds = (process_time() - begin) / count
-    print(f"{count} simulated servos, friction {form}, {seconds:.1f} s of CPU each")
-    print(f"{borders} with a search that ended at a border are left out")
-    shares(ratios, "truth in")
-    middle = {name: float(np.median(v)) for name, v in sizes.items()}
-    print("median half width:", *(f"{n} {v:.1%}" for n, v in middle.items()))
+    print(f"{form}, seed {seed}, half widths:", file=sys.stderr)
+    for name, values in sizes.items():
+        print(f"{name:24}{np.median(values):8.1%}", file=sys.stderr, flush=True)
+    stall = f"{np.median(sizes['stall']):.1%}"
+    cells = (f"`{form}`, seed {seed}", *shares(ratios), stall, str(borders))
+    print(f"| {' | '.join(cells)} | {seconds:.1f} |", flush=True)
 
 
 def of_halves(robot: RobotModel, forms: Sequence[str], splits: int, seed: int) -> None:
-    """Compare fits to disjoint halves of the real logs."""
+    """Compare fits to disjoint halves of the real logs, in rows."""
     folder = Path(os.environ["CONSISTENT_ID_DATASETS"], "servo_pendulum")
     logs = read_servo_logs(sorted(folder.glob("*.parquet")), robot.joint_names)
     by_gain = [[log for log in logs if log.name.startswith(f"{g}_")] for g in GAINS]
@@ -205,8 +223,9 @@ def of_halves(robot: RobotModel, forms: Sequence[str], splits: int, seed: int) -
                 if np.isfinite(half):
                     off = abs(one.values[name] - other.values[name])
                     ratios.setdefault(name, []).append(float(off / half))
-        print(f"halves of the real logs, friction {form}, {splits} splits")
-        shares(dict(sorted(ratios.items())), "within")
+        print(f"halves, {form}, seed {seed}:", file=sys.stderr)
+        cells = (f"`{form}`, seed {seed}", *shares(dict(sorted(ratios.items()))))
+        print(f"| {' | '.join(cells)} |", flush=True)
 
 
 def main() -> None:
@@ -215,19 +234,23 @@ def main() -> None:
     parser.add_argument("--servos", type=int, default=40)
     parser.add_argument("--friction", nargs="*", default=["plain", "load"])
     parser.add_argument("--splits", type=int, default=4)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, nargs="+", default=[0])
     add_write(parser)
     options = parser.parse_args()
     with TemporaryDirectory() as made, shown_on(options.write):
         file = Path(made, "pendulum.urdf")
         file.write_text(PENDULUM)
         robot = load_robot(file)
-        for form in options.friction:
-            if options.servos:
-                of_simulated(robot, form, options.servos, options.seed)
+        if options.servos:
+            print(SIMULATED.format(options.servos))
+        for seed, form in product(
+            options.seed, options.friction if options.servos else ()
+        ):
+            of_simulated(robot, form, options.servos, seed)
         if options.splits:
-            forms = ["plain", "load", "square"]
-            of_halves(robot, forms, options.splits, options.seed)
+            print(HALVES.format(options.splits))
+            for seed in options.seed:
+                of_halves(robot, ("plain", "load", "square"), options.splits, seed)
 
 
 if __name__ == "__main__":
