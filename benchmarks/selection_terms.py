@@ -172,24 +172,34 @@ def summary(kind: str, all_found: list[Found]) -> str:
     ratios = np.array([one.error / one.oracle for one in all_found])
     errors = np.array([one.error for one in all_found])
     wide = np.mean([0.01 <= one.width <= 0.04 for one in all_found])
+    rows = {term: _counts(term, all_found) for term in TERMS}
+    totals = np.sum(list(rows.values()), axis=0)
     lines = [
         f"{len(all_found)} robots, {kind}: error {errors.mean():.2%} mean, "
         f"{errors.max():.2%} worst; over the true model's {np.median(ratios):.2f} "
-        f"median, {ratios.max():.2f} worst; width within a factor of two {wide:.0%}",
-        "| term | false, of joints without it | missed, of joints with it |",
+        f"median, {ratios.max():.2f} worst; width within a factor of two {wide:.0%}"
+    ]
+    if kind == "plain":  # one term, so a table would have little to say
+        false, absent, missed, present = totals
+        found = f"false terms {false} of {absent}, missed {missed} of {present}"
+        return f"{lines[0]}; {found}\n"
+    lines += [
+        "\n| term | false, of joints without it | missed, of joints with it |",
         "|---|--:|--:|",
     ]
-    totals = np.zeros(4, dtype=int)
-    for term in TERMS:
-        counts = (
-            sum(t == term for one in all_found for _, t in one.false),
-            sum(one.absent[term] for one in all_found),
-            sum(t == term for one in all_found for _, t in one.missed),
-            sum(one.present[term] for one in all_found),
-        )
-        totals += counts
+    for term, counts in rows.items():
         lines.append(_row(term.removesuffix("_velocity").replace("_", " "), counts))
     return "\n".join([*lines, _row("all", totals)])
+
+
+def _counts(term: str, all_found: Sequence[Found]) -> tuple[int, int, int, int]:
+    """Return how many joints have a false term, lack it, miss it, have it."""
+    return (
+        sum(t == term for one in all_found for _, t in one.false),
+        sum(one.absent[term] for one in all_found),
+        sum(t == term for one in all_found for _, t in one.missed),
+        sum(one.present[term] for one in all_found),
+    )
 
 
 def _row(name: str, counts: Sequence[int]) -> str:
