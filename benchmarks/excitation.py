@@ -11,7 +11,6 @@ import argparse
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +24,7 @@ import excitation_montecarlo as montecarlo
 import excitation_rivals as rivals
 import excitation_timing as timing
 from excitation_designs import Effort
+from pages import stamp
 
 FULL = Effort(
     seconds=10.0,
@@ -155,9 +155,9 @@ class Section:
     lines: Callable[[], Iterable[str]]
 
     def measured(self) -> str:
-        """Return its text, with the date."""
+        """Return its text, with the day, the commit and the machine."""
         found = "\n".join(self.lines())
-        when = f"Measured on {date.today()}."
+        when = f"Measured{stamp()}."
         return f"## {self.title}\n\n{when}\n{self.about}\n\n{found}\n"
 
 
@@ -264,10 +264,10 @@ def page(found: list[Section]) -> str:
 def renewed(old: str, found: list[Section]) -> str:
     """Return a page with some sections measured again."""
     heading = "\n## "
-    _, *kept = old.split(heading)
+    introduction, *kept = old.split(heading)
     anew = {one.title: one.measured().removeprefix("## ") for one in tqdm(found)}
     texts = [anew.get(text.splitlines()[0], text) for text in kept]
-    return heading.join([INTRODUCTION, *texts])
+    return heading.join([introduction, *texts])
 
 
 def main() -> None:
