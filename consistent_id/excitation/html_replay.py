@@ -26,7 +26,7 @@ from consistent_id.motion.collisions.bodies import (
     Sphere,
 )
 from consistent_id.motion.collisions.scene import Scene, place_of
-from consistent_id.motion.move import Move
+from consistent_id.motion.moves import Move
 from consistent_id.recordings.joint_paths import sampled
 from consistent_id.robot.kinematics import FixedPlace, LinkPlaces, link_places
 from consistent_id.robot.model import RobotModel

@@ -29,8 +29,7 @@ from consistent_id.excitation.proven_moves import Playing, ProvenMove, proven_mo
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.verification import Demands, PathProof
 from consistent_id.excitation.work import Meter
-from consistent_id.motion.move import Move
-from consistent_id.motion.moves import move_along
+from consistent_id.motion.moves import Move, move_along
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.robot_preparation import drift_of, regression_of
 from consistent_id.recordings.joint_paths import FourierTrajectory

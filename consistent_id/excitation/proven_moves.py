@@ -18,8 +18,7 @@ from consistent_id.errors import ConsistentIdError, InfeasibleError, ProblemErro
 from consistent_id.excitation.verification import Demands, PathProof, combined
 from consistent_id.motion.collisions.separation import nearest
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.motion.move import Move
-from consistent_id.motion.moves import move_along
+from consistent_id.motion.moves import Move, move_along
 from consistent_id.recordings.joint_paths import FourierTrajectory
 
 # Speeds of moves between poses at rest: slower ones need less torque

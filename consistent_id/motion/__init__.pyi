@@ -25,8 +25,7 @@ from consistent_id.motion.files import (
     write_trajectory,
 )
 from consistent_id.motion.limits import MotionLimits, motion_limits
-from consistent_id.motion.move import Move
-from consistent_id.motion.moves import move_along
+from consistent_id.motion.moves import Move, move_along
 from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
 from consistent_id.motion.transfers import MotionState, transfer
 

@@ -22,7 +22,7 @@ from consistent_id._support.arrays import Matrix
 from consistent_id._support.files import read_input, require_regular
 from consistent_id.errors import ProblemError
 from consistent_id.motion.bernstein import PolynomialPath
-from consistent_id.motion.move import Move
+from consistent_id.motion.moves import Move
 from consistent_id.recordings.joint_paths import FourierTrajectory, JointPath
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.npz import read_arrays
