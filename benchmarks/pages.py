@@ -83,10 +83,17 @@ def stamp() -> str:
 def machine() -> str:
     """Return the processor and the number of cores."""
     info = Path("/proc/cpuinfo")
-    text = info.read_text() if info.exists() else ""
-    named = re.search(r"^model name\s*: (.*)$", text, re.MULTILINE)
-    name = named[1].strip() if named else platform.machine()
-    return f"{name}, {os.cpu_count()} cores"
+    name = processor(info.read_text() if info.exists() else "")
+    return f"{name or platform.machine()}, {os.cpu_count()} cores"
+
+
+def processor(info: str) -> str:
+    """Return the name in a text of ``/proc/cpuinfo``, without its marks of trade.
+
+    Their brackets would end the stamp.
+    """
+    named = re.search(r"^model name\s*: (.*)$", info, re.MULTILINE)
+    return " ".join(re.sub(r"\(\w+\)", " ", named[1]).split()) if named else ""
 
 
 @dataclass(frozen=True, slots=True)

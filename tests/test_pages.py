@@ -17,6 +17,7 @@ from pages import (  # noqa: E402
     machine,
     measured,
     measurements,
+    processor,
     stamp,
     stamp_page,
     written_to,
@@ -193,6 +194,12 @@ IN_SENTENCES = {
 def test_every_measured_table_is_written_by_its_command():
     printing = {(one.page.name, one.script) for one in measurements() if not one.writes}
     assert printing == IN_SENTENCES.keys()
+
+
+def test_a_processor_s_name_has_no_brackets():
+    info = "cpu MHz\t: 2300\nmodel name\t: Intel(R) Xeon(R) Processor\nflags\t: fpu\n"
+    assert processor(info) == "Intel Xeon Processor"
+    assert processor("Processor\t: ARMv8") == ""
 
 
 def test_a_stamp_replaces_that_of_the_command_before(tmp_path):
