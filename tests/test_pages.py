@@ -182,7 +182,6 @@ def test_every_measured_page_states_command_day_commit_and_machine():
 
 IN_SENTENCES = {
     ("clean-recordings.md", "clean_simulations.py"): "how many logs were accused: none",
-    ("collisions.md", "independent_collisions.py"): "that there was no collision",
     ("quadruped-trunk.md", "quadruped.py"): "18 lines of three logs; two tables of it",
     ("quadruped-trunk.md", "quadruped_intervals.py"): "sums of three runs in one table",
     ("rollout.md", "rollout_delays.py"): "how many delays are in their intervals",
