@@ -93,9 +93,9 @@ def row(
 
 
 def of_figaroh(
-    problem: ci.Problem, python: str, alike: list[list[str]]
+    name: str, problem: ci.Problem, python: str, alike: list[list[str]]
 ) -> Iterator[list[str]]:
-    """Yield the rows of FIGAROH's stages on a problem of a robot with torque.
+    """Yield the rows of FIGAROH's stages on the problem of a named robot with torque.
 
     Rows of its direct fits against this package on the same columns go to `alike`.
     """
@@ -113,7 +113,7 @@ def of_figaroh(
     def against(stage: str, ours: Sequence[np.ndarray], tool: str) -> list[str]:
         both = np.stack([in_blocks(squares[stage]), in_blocks(ours)], axis=1)
         seconds = about[stage]["seconds"]
-        return row(problem.name, "torque [%]", tool, both, error, seconds)
+        return row(name, "torque [%]", tool, both, error, seconds)
 
     squares: dict[str, list[np.ndarray]] = {}
     tools = {}
@@ -124,7 +124,7 @@ def of_figaroh(
         tools[stage] = tool
         if stage not in predicted:
             blank = ("-", "-", "-", f"{said['seconds']:.2f}")
-            yield [problem.name, "torque [%]", tool, "rejected", *blank]
+            yield [name, "torque [%]", tool, "rejected", *blank]
             continue
         squares[stage] = []
         for motion, tau in zip(judged, predicted[stage], strict=True):
@@ -146,9 +146,7 @@ def of_figaroh(
         )
     ]
     if not np.isclose(*check, rtol=SAME, atol=0.0):
-        raise SystemExit(
-            f"{problem.name}: errors of least squares there and here, {check}"
-        )
+        raise SystemExit(f"{name}: errors of least squares there and here, {check}")
     mine = [torque_squares(fit, log) for log in same.validation]
     for stage in squares:
         if stage.startswith("physical_fit"):
@@ -251,8 +249,8 @@ def through(motion: Motion, W: np.ndarray) -> np.ndarray:
     return np.stack([motion.through(own, row=j) for j, own in enumerate(W)])
 
 
-def of_sysid(problem: ci.Problem) -> list[str]:
-    """Return the row of ``mujoco.sysid`` on a problem of commands."""
+def of_sysid(name: str, problem: ci.Problem) -> list[str]:
+    """Return the row of ``mujoco.sysid`` on a named robot's problem of commands."""
     import rollout_rivals
 
     (log,) = problem.logs("training")
@@ -271,7 +269,7 @@ def of_sysid(problem: ci.Problem) -> list[str]:
 
     both = np.stack([sums(theirs), sums(ours)], axis=1)
     return row(
-        problem.name,
+        name,
         "rollout [mrad]",
         "mujoco.sysid",
         both,
@@ -320,7 +318,8 @@ def jobs(
             left_out(name, "its logs are simulated")
         elif problem.gains is not None:
             if has_sysid():
-                yield Job(name, "sysid", inputs, lambda _, p=problem: [of_sysid(p)])
+                row_of = partial(of_sysid, name, problem)
+                yield Job(name, "sysid", inputs, lambda _, of=row_of: [of()])
             else:
                 left_out(name, "MuJoCo has no extra `sysid`")
         elif figaroh is None:
@@ -328,7 +327,7 @@ def jobs(
         elif problem.model_files.get("urdf") is None:
             left_out(name, "FIGAROH reads URDF")
         else:
-            of = partial(of_figaroh, problem, figaroh)
+            of = partial(of_figaroh, name, problem, figaroh)
             yield Job(name, "FIGAROH", inputs, of)
 
 
