@@ -57,9 +57,10 @@ class Candidates:
         They are infinite if it cannot be built.
         """
         both = self._of(settings, "fast"), self._of(settings, "slow")
-        found = np.concatenate(both).reshape(2 * BLOCKS_OF_PART, -1).sum(axis=1)
-        self.tried[settings] = float(np.sqrt(found.sum()))
-        return found
+        found = np.concatenate(both).reshape(2 * BLOCKS_OF_PART, -1)
+        blocks = np.asarray(found.sum(axis=1))
+        self.tried[settings] = float(np.sqrt(blocks.sum()))
+        return blocks
 
     def error(self, settings: Settings) -> float:
         """Return the root-mean-square error of rollouts of parts not learnt from."""
