@@ -1,9 +1,11 @@
 """Settings that were tried, and how well they predict motion that was not learnt from.
 
 The faster part of the training motion is predicted by the fit to the slower one, and
-the slower part by the fit to the faster one; both count alike.  A delay of commands is
-judged by the faster part alone: friction of slow motion that the model lacks looks like
-a delay, and it is fast motion to which a delay matters.
+the slower part by the fit to the faster one; both count alike.  Where bodies are known,
+a delay of commands is judged by the faster part alone: fast motion shows it, and at low
+speed errors of the friction model look like one.  Bodies that slow motion determines
+are uncertain, and their errors look like a delay, too; so both parts judge it where
+bodies are identified.
 """
 
 from collections.abc import Callable
@@ -69,8 +71,15 @@ class Candidates:
         return self.tried[settings]
 
     def by_delay(self, settings: Settings) -> Callable[[float], Vector]:
-        """Return the squared errors of the faster part's blocks, for delays [s]."""
+        """Return the squared errors of the blocks that judge it, for delays [s]."""
+        if self.both_judge(settings):
+            return lambda delay: self.squares(replace(settings, delay=delay))
         return lambda delay: self._of(replace(settings, delay=delay), "fast")
+
+    def both_judge(self, settings: Settings) -> bool:
+        """Return whether both parts judge a delay; else it is the faster one."""
+        stated = self.problem.table.constraints.bodies
+        return "model" not in (settings.bodies, stated)
 
     def none_found(self) -> RecordingError:
         """Return why no settings have an error."""

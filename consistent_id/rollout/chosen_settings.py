@@ -196,11 +196,7 @@ def _with_terms(
 def _delayed(
     best: Settings, candidates: Candidates, first: Sequence[float], most: float
 ) -> FoundDelay:
-    """Return the delay of commands with the least error, and its standard error.
-
-    The faster part judges it: friction of slow motion that the model lacks looks like
-    a delay, and a delay matters to fast motion.
-    """
+    """Return the delay of commands with the least error, and its standard error."""
     return found_delay(candidates.by_delay(best), [*first, best.delay], most)
 
 

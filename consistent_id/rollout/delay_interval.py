@@ -134,7 +134,7 @@ def other_frictions(
 ) -> list[Callable[[float], Vector]]:
     """Return, for each other kind of friction, the squared errors for a delay [s].
 
-    They are those of the faster part, and infinite where its motion diverges.  A kind
+    They are of the parts that judge it, and infinite where motion diverges.  A kind
     that cannot be built is left out, such as friction that depends on the load of
     unknown bodies.
 
@@ -153,10 +153,16 @@ def other_frictions(
         kinds = _other_rows(problem, settings)
         return [candidates.by_delay(k) for k in kinds if candidates.error(k) <= most]
 
+    slow, fast = candidates.parts
+    ways = [(slow, fast)]
+    if candidates.both_judge(settings):
+        ways.append((fast, slow))
+
     def squares(kind: Settings, delay: float) -> Vector:
         made = with_settings(problem, replace(kind, delay=delay))
+        blocks = BLOCKS_OF_DELAY // len(ways)
         try:
-            return _squares(made, *candidates.parts)
+            return np.concatenate([_squares(made, *way, blocks) for way in ways])
         except ConsistentIdError:
             return np.full(BLOCKS_OF_DELAY, np.inf)
 
@@ -206,16 +212,16 @@ def _speed(logs: Sequence[Recording]) -> float:
     return float(np.sqrt(np.median(np.mean(squares, axis=0))))
 
 
-def _squares(problem: Problem, slow: Spans, fast: Spans) -> Vector:
-    """Return the errors of the faster part, with friction that MuJoCo lacks.
+def _squares(problem: Problem, learnt: Spans, other: Spans, blocks: int) -> Vector:
+    """Return `block_squares` of a part, with friction that MuJoCo lacks.
 
     It is a torque over time.
     """
-    estimate, _ = compared_fit(problem, within(problem.training, slow))
-    moved = within(problem.training, fast)
-    others = [replayable(log) for log in within(problem.logs("training"), fast)]
+    estimate, _ = compared_fit(problem, within(problem.training, learnt))
+    moved = within(problem.training, other)
+    others = [replayable(log) for log in within(problem.logs("training"), other)]
     torques = _lacking(estimate, moved, others)
-    return block_squares(problem, estimate, others, torques, blocks=BLOCKS_OF_DELAY)
+    return block_squares(problem, estimate, others, torques, blocks=blocks)
 
 
 def _lacking(

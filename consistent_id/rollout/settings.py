@@ -112,7 +112,7 @@ BLOCKS_OF_PART = 4
 """Blocks of a part, whose scatter is the error of a comparison."""
 
 BLOCKS_OF_DELAY = 8
-"""Blocks of the faster part, whose scatter is the error of the delay."""
+"""Blocks whose scatter is the error of the delay; of the faster part, or of both."""
 
 
 @dataclass(frozen=True, slots=True)
