@@ -23,7 +23,7 @@ simulation ends when `REACHED` draws have reached it, which shows that it is not
 their share is a valid p-value [Besag1991]_.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -70,8 +70,8 @@ SIGNIFICANT = 0.05
 
 _NONE = 1e-9  # increase that is rounding: all data reach it
 _SMALL = 0.01  # increase that need not be told from less
-_CLEAR = 0.2  # share by which a rough increase is surely less than another one
-_AT_ONCE = 10  # draws simulated before they are counted
+_CLEAR = 0.2  # share by which a rough increase is surely less or more than another
+_FIRST = 10  # draws simulated before they are counted
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,8 +276,7 @@ def _simulated(
 ) -> _Count:
     """Count simulated data sets until enough have reached an increase."""
     each = partial(_reaching, best, increase)
-    some = (noise[k : k + _AT_ONCE] for k in range(0, len(noise), _AT_ONCE))
-    count = _Count(0, 0)
+    some, count = _in_batches(noise), _Count(0, 0)
     answers = map(each, some) if executor is None else executor.map(each, some)
     for answer in chain.from_iterable(answers):
         if answer is not None:
@@ -287,6 +286,14 @@ def _simulated(
     if not count.answers:
         raise SolverError("none of the simulated data gave a constrained fit")
     return count
+
+
+def _in_batches(noise: Matrix) -> Iterator[Matrix]:
+    """Yield a few draws, then twice as many each time: these are solved together."""
+    start, size = 0, _FIRST
+    while start < len(noise):
+        yield noise[start : start + size]
+        start, size = start + size, 2 * size
 
 
 @single_threaded
@@ -305,11 +312,20 @@ def _reaching(best: BestFit, increase: float, noise: Matrix) -> list[bool | None
     z = scaled.M @ origin + noise[able] / scaled.size
     # Least squares has no misfit: prediction and noise are in the range of M.
     unit = max(increase, _SMALL)
-    rough = scaled.size**2 * rough_squares(
-        scaled.M, z, scaled.domain, origin, unit=unit / scaled.size**2
+    less = increase - _CLEAR * unit
+    squares = scaled.size**2
+    rough = squares * rough_squares(
+        scaled.M,
+        z,
+        scaled.domain,
+        origin,
+        unit=unit / squares,
+        enough=less / squares,
     )
     for draw, squared, data in zip(able, rough, z, strict=True):
-        if squared >= increase - _CLEAR * unit or not np.isfinite(squared):
+        if squared - increase >= _CLEAR * max(unit, squared):
+            found[draw] = True
+        elif squared > less or not np.isfinite(squared):
             try:
                 found[draw] = _squared_distance(best, data) >= increase
             except SolverError:

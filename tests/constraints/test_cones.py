@@ -209,6 +209,27 @@ def test_rough_squares_are_as_exact_from_far_away():
         assert abs(square - least) <= 0.01 * max(0.1, least)
 
 
+def test_squares_that_are_enough_only_bound_the_least_ones():
+    problem, rng = _projection(3), np.random.default_rng(0)
+    origin = solve_least_norm(problem).u
+    targets = problem.g + rng.normal(size=(12, len(problem.g)))
+    least = np.array(
+        [
+            np.sum((problem.G @ solve_least_norm(replace(problem, g=g)).u - g) ** 2)
+            for g in targets
+        ]
+    )
+    enough = float(np.median(least))
+    found = rough_squares(
+        problem.G, targets, problem.domain, origin, unit=1.0, enough=enough
+    )
+    error = 0.01 * np.maximum(1.0, least)
+    assert (found >= least - error).all()
+    assert (found[least > enough] <= (least + error)[least > enough]).all()
+    assert (found[least <= enough - error] <= enough).all()
+    assert (found > least + error).any()  # so it takes less time
+
+
 def test_where_no_square_is_found_there_is_none():
     A = np.array([[1.0], [-1.0]])
     empty = ConicSet.at_most(A, np.array([0.0, -1.0]), ["low", "high"])

@@ -182,7 +182,13 @@ def solve_squares(problems: Sequence[LeastNorm], origin: Vector) -> list[ConeSol
 
 
 def rough_squares(
-    G: Matrix, targets: Matrix, domain: ConicSet, origin: Vector, *, unit: float
+    G: Matrix,
+    targets: Matrix,
+    domain: ConicSet,
+    origin: Vector,
+    *,
+    unit: float,
+    enough: float = -np.inf,
 ) -> Vector:
     """Return about the least ``||G u - g||^2`` in a set for each target ``g``.
 
@@ -195,6 +201,8 @@ def rough_squares(
         A point near the optima.
     unit : float
         A hundredth of this, or of the square where that is larger, is the error.
+    enough : float
+        A square that is this or less need not be the least one.
 
     Returns
     -------
@@ -210,6 +218,7 @@ def rough_squares(
         reduced.about(start[free]),
         tolerance=_ROUGH,
         least=np.sum(misfits**2, axis=1) / unit,
+        enough=enough / unit,
     )
     squares = np.sum((misfits + found.x @ own.T) ** 2, axis=1)
     return np.where(found.ended, squares, np.nan)

@@ -60,6 +60,7 @@ def solve_together(
     *,
     tolerance: float,
     least: Vector | None = None,
+    enough: float = -np.inf,
 ) -> SolvedTogether:
     """Solve programmes over the same rows.
 
@@ -74,6 +75,9 @@ def solve_together(
         on the latter two, a millionth at the most.
     least : ndarray, shape (programmes,), optional
         Constants of the objectives, which count when gaps are relative.
+    enough : float
+        A programme has also ended where its rows are within the tolerance and its
+        objective is at most this, which only bounds its optimum.
     """
     least = np.zeros(len(q)) if least is None else least
     equal = [block for block in rows if block.kind == "zero" and len(block.b)]
@@ -87,13 +91,21 @@ def solve_together(
         ]
         least = least + (q + start @ P / 2.0) @ start
         q = (q + start @ P) @ steps
-        found = _in_parts(steps.T @ P @ steps, q, along, least, tolerance)
+        until = _Until(tolerance, enough)
+        found = _in_parts(steps.T @ P @ steps, q, along, least, until)
         return found._replace(x=start + found.x @ steps.T)
-    return _in_parts(P, q, rows, least, tolerance)
+    return _in_parts(P, q, rows, least, _Until(tolerance, enough))
+
+
+class _Until(NamedTuple):
+    """When a programme has ended; see `solve_together`."""
+
+    tolerance: float
+    enough: float = -np.inf
 
 
 def _in_parts(
-    P: Array, q: Matrix, rows: Sequence[ConeRows], least: Vector, tolerance: float
+    P: Array, q: Matrix, rows: Sequence[ConeRows], least: Vector, until: _Until
 ) -> SolvedTogether:
     cones = cones_of(rows)
     x, z = np.zeros_like(q), np.zeros((len(q), sum(len(r.b) for r in rows)))
@@ -104,8 +116,8 @@ def _in_parts(
     with np.errstate(all="ignore"):
         like = _near_all(every, cones) if len(q) >= _MANY else None
         if like is not None:
-            _solve_in_parts(every, cones, tolerance, found, like)
-        _solve_in_parts(every, cones, tolerance, found)
+            _solve_in_parts(every, cones, until, found, like)
+        _solve_in_parts(every, cones, until, found)
     return found
 
 
@@ -119,7 +131,7 @@ def _without_cones(every: "_Programmes", found: SolvedTogether) -> SolvedTogethe
 def _solve_in_parts(
     every: "_Programmes",
     cones: Sequence[Cone],
-    tolerance: float,
+    until: _Until,
     found: SolvedTogether,
     like: "_Iterate | None" = None,
 ) -> None:
@@ -134,7 +146,7 @@ def _solve_in_parts(
         # One that diverges ends its part: the others that are left have not ended.
         with suppress(np.linalg.LinAlgError):
             now = _start(some, cones) if like is None else like.repeated(some)
-            _solve_part(now, cones, tolerance, found, part)
+            _solve_part(now, cones, until, found, part)
 
 
 class _Programmes(NamedTuple):
@@ -184,19 +196,19 @@ class _Residuals(NamedTuple):
 def _solve_part(
     now: _Iterate,
     cones: Sequence[Cone],
-    tolerance: float,
+    until: _Until,
     found: SolvedTogether,
     left: IntArray,
 ) -> None:
     """Solve programmes at once, and write their results."""
     for _ in range(_ITERATIONS):
         z = [c.back(w, w[-1]) for c, w in zip(cones, now.scalings, strict=True)]
-        rests = _residuals(now, cones, z, tolerance)
+        rests = _residuals(now, cones, z, until)
         found.x[left], found.ended[left] = now.x, rests.within
         for cone, duals in zip(cones, z, strict=True):
             found.z[left[:, None], cone.places] = cone.entries(duals)
         # At the boundary without an optimum, steps have become short.
-        stuck = rests.gap < _STUCK * tolerance
+        stuck = rests.gap < _STUCK * until.tolerance
         going = ~rests.within & ~stuck & np.isfinite(rests.of_x).all(axis=1)
         if not going.all():
             if not going.any():
@@ -223,7 +235,7 @@ def _approached(now: _Iterate, cones: Sequence[Cone]) -> _Iterate | None:
     """Return a place with a gap of `_NEAR`; None if there is none."""
     for _ in range(_ITERATIONS):
         z = [c.back(w, w[-1]) for c, w in zip(cones, now.scalings, strict=True)]
-        rests = _residuals(now, cones, z, _NEAR)
+        rests = _residuals(now, cones, z, _Until(_NEAR))
         if not np.isfinite(rests.of_x).all():
             return None
         if rests.within.all():
@@ -260,7 +272,7 @@ def _inside(cones: Sequence[Cone], s: Sequence[Matrix]) -> list[Matrix]:
 
 
 def _residuals(
-    now: _Iterate, cones: Sequence[Cone], z: Sequence[Matrix], tolerance: float
+    now: _Iterate, cones: Sequence[Cone], z: Sequence[Matrix], until: _Until
 ) -> _Residuals:
     curved = (now.of.P @ now.x[:, :, None])[:, :, 0]
     forces, of_z = np.zeros_like(now.x), list[Matrix]()
@@ -281,12 +293,11 @@ def _residuals(
     objective = np.minimum(abs(primal), abs(now.of.least - half - price))
     terms = np.maximum(abs(curved), abs(now.of.q)).max(axis=1)
     terms = np.maximum(1.0, np.maximum(terms, abs(forces).max(axis=1)))
-    exact = min(tolerance, _EXACT)
-    within = (
-        (gap <= tolerance * np.maximum(1.0, objective))
-        & (abs(of_x).max(axis=1) <= exact * terms)
-        & (beyond <= exact * size)
+    exact = min(until.tolerance, _EXACT)
+    optimal = (gap <= until.tolerance * np.maximum(1.0, objective)) & (
+        abs(of_x).max(axis=1) <= exact * terms
     )
+    within = (optimal | (primal <= until.enough)) & (beyond <= exact * size)
     return _Residuals(of_x, of_z, gap, within)
 
 
