@@ -31,6 +31,7 @@ POSES = 10_000
 _PIVOT = 1e-100  # below, a division may overflow
 _FIRST = 64  # poses from whose least eigenvalue the search for a smaller one starts
 _SYMMETRIC = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # of xx, yy, zz, xy, xz, yz
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # the same entries
 
 
 class _BodyTree(NamedTuple):
@@ -259,22 +260,32 @@ def _entries(
             bodies[parent] = bodies[parent] + bodies[j]
 
 
-def _moved(moments: Array, pose: Array) -> Array:
-    """Return a link's moments ``[[S h] [h^T m]]`` at the base, shape (4, 4, poses)."""
-    J = np.empty((4, 4))
-    J[:3, :3], J[:3, 3], J[3, :3] = moments[4:][_SYMMETRIC], *([moments[1:4]] * 2)
-    J[3, 3] = moments[0]
-    whole = np.concatenate([pose, np.zeros((1, 4, pose.shape[2]))])
-    whole[3, 3] = 1.0
-    half = np.einsum("abn,bc->acn", whole, J)
-    return np.asarray(np.einsum("acn,dcn->adn", half, whole))
+def _moved(moments: Vector, pose: Array) -> Array:
+    """Return a link's moments at the base, shape (10, poses).
+
+    ``h' = R h + m p`` and ``S' = R S R^T + (R h) p^T + p h'^T``.
+    """
+    R, p, m, S = pose[:, :3], pose[:, 3], moments[0], moments[4:][_SYMMETRIC]
+    turned, before = S @ R, np.asarray(moments[1:4] @ R)
+    h = before + m * p
+    second = [
+        np.einsum("cn,cn->n", turned[a], R[b]) + before[a] * p[b] + p[a] * h[b]
+        for a, b in _PAIRS
+    ]
+    return np.concatenate([np.full((1, p.shape[1]), m), h, second])
 
 
 def _momentum(body: Array, twist: Array) -> Array:
     """Return ``(n, f)``, shape (6, poses)."""
-    S, h, m, e, v = body[:3, :3], body[:3, 3], body[3, 3], twist[:3], twist[3:]
-    n = np.einsum("aan->n", S) * e - np.einsum("abn,bn->an", S, e)
-    return np.concatenate([n + _cross(h, v), m * v + _cross(e, h)])
+    m, h, (xx, yy, zz, xy, xz, yz) = body[0], body[1:4], body[4:]
+    e, v = twist[:3], twist[3:]
+    x, y, z = e
+    turning = [
+        (yy + zz) * x - xy * y - xz * z,
+        (xx + zz) * y - xy * x - yz * z,
+        (xx + yy) * z - xz * x - yz * y,
+    ]
+    return np.concatenate([turning + _cross(h, v), m * v + _cross(e, h)])
 
 
 def _times(A: Array, B: Array) -> Array:
