@@ -154,7 +154,7 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
 
     def left(speeds: Sequence[float]) -> list[float]:
         logs = [_at_speed(screen.few, speed) for speed in speeds]
-        return [screen.least_misfit(f) for f in channel_factors(model, base, logs)]
+        return screen.least_misfits(model, base, logs)
 
     tried = left(_SPEEDS)
     k = int(np.argmin(tried))
@@ -163,10 +163,7 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
     if min(tried) * _OF_TIME > tried[_SPEEDS.index(1.0)]:
         return
     others = (_with_edges(model, speed) for speed in _SPEEDS)
-    edges = [
-        screen.least_misfit(channel_factors(other, base, [screen.few])[0])
-        for other in others
-    ]
+    edges = [screen.least_misfits(other, base, [screen.few])[0] for other in others]
     if min(tried) * _OF_TIME > min(edges):
         return
     from scipy.optimize import minimize_scalar

@@ -69,11 +69,7 @@ class ChannelFactors:
 
         Root of the mean over joints of the squared residual over the squared torque.
         """
-        squares, rows = 0.0, self._relative()
-        for joints, columns in _limbs(rows):
-            own = _stacked(*(rows[j][:, [*columns, -1]] for j in joints))
-            squares += _last(own) ** 2
-        return float(np.sqrt(squares))
+        return _misfit([row.T for row in self._relative()])
 
     def least_misfits(self, scales: Sequence[float]) -> Matrix:
         """Return `least_misfit` with one joint's torque at a time times each scale.
@@ -125,11 +121,25 @@ class ChannelFactors:
         return bare.weighted(np.maximum(bare.torque_rms, _LEAST))
 
 
-def _limbs(rows: Sequence[Matrix]) -> list[tuple[list[int], IntArray]]:
+def _misfit(columns: Sequence[Matrix]) -> float:
+    """Return the least norm of joints' rows; the last of their columns is the torque.
+
+    Parameters
+    ----------
+    columns : sequence of ndarray, each shape (columns, rows)
+    """
+    squares = 0.0
+    for joints, places in _limbs(columns):
+        own = np.concatenate([columns[j][[*places, -1]] for j in joints], axis=1)
+        squares += _last(triangle(own.T)) ** 2
+    return float(np.sqrt(squares))
+
+
+def _limbs(columns: Sequence[Matrix]) -> list[tuple[list[int], IntArray]]:
     """Return joints that share columns, and these columns, such as those of a leg."""
     groups: list[tuple[list[int], BoolArray]] = []
-    for j, row in enumerate(rows):
-        own = row[:, :-1].any(axis=0)
+    for j, row in enumerate(columns):
+        own = row[:-1].any(axis=1)
         joined = [g for g in groups if (g[1] & own).any()]
         groups = [g for g in groups if not (g[1] & own).any()]
         joints = [k for g in joined for k in g[0]] + [j]
@@ -164,19 +174,57 @@ def channel_factors(
     drives : sequence of Recording or None, optional
         Motions from which the drives' columns are taken, if not from `recordings`.
     """
+    found = []
+    for motion, rows in _rows_of(model, base, recordings, drives):
+        factors = tuple(joint_factor(of_joint, motion.torque) for of_joint in rows)
+        found.append(ChannelFactors(model, base, factors, len(motion.q)))
+    return found
+
+
+def least_misfits(
+    model: TorqueModel,
+    base: BaseParameters,
+    recordings: Sequence[Recording],
+    *,
+    drives: Sequence[Recording | None] | None = None,
+) -> list[float]:
+    """Return `ChannelFactors.least_misfit` of recordings, whose factors nobody needs.
+
+    For the parameters see `channel_factors`.
+    """
+    found = []
+    for motion, rows in _rows_of(model, base, recordings, drives):
+        joints = zip(rows, motion.torque.T, strict=True)
+        root = np.sqrt(len(rows))
+        found.append(
+            _misfit(
+                [
+                    np.concatenate([own, torque[None]])
+                    / (root * max(float(np.linalg.norm(torque)), _LEAST))
+                    for own, torque in joints
+                ]
+            )
+        )
+    return found
+
+
+def _rows_of(
+    model: TorqueModel,
+    base: BaseParameters,
+    recordings: Sequence[Recording],
+    drives: Sequence[Recording | None] | None,
+) -> Iterator[tuple[Motion, Array]]:
+    """Yield motions, and the base columns along each, as `_columns`."""
     others = [None] * len(recordings) if drives is None else drives
     each = {id(log): log for log in others if log is not None}
     read = {key: _drive_rows(model, base, log) for key, log in each.items()}
     placed = _of_drives(model, base)
     motions = [motion_of(model, recording, None) for recording in recordings]
-    found = []
     columns = _columns(model, base, motions)
     for motion, rows, other in zip(motions, columns, others, strict=True):
         if other is not None:
             rows[:, placed] = read[id(other)]
-        factors = tuple(joint_factor(of_joint, motion.torque) for of_joint in rows)
-        found.append(ChannelFactors(model, base, factors, len(motion.q)))
-    return found
+        yield motion, rows
 
 
 def _columns(
@@ -214,7 +262,7 @@ def _drive_rows(model: TorqueModel, base: BaseParameters, log: Recording) -> Arr
 def joint_factor(Y: Array, torque: Array) -> Matrix:
     """Return a joint's factor; zero columns are skipped."""
     kept = Y.any(axis=1)
-    R = triangle(np.asfortranarray(np.column_stack([Y[kept].T, torque])))
+    R = triangle(np.concatenate([Y[kept], torque.T]).T)
     factor = np.zeros((len(R), len(Y) + torque.shape[1]))
     factor[:, [*np.flatnonzero(kept), *range(len(Y), factor.shape[1])]] = R
     return factor

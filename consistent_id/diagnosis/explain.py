@@ -25,6 +25,7 @@ from consistent_id.diagnosis.channel_factors import (
     ChannelFactors,
     channel_factors,
     half_spaces_at,
+    least_misfits,
     least_within,
 )
 from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, Correction
@@ -394,14 +395,22 @@ class Screen:
         model, base = log.factors.model, log.factors.base
         few = thinned(log.recording, _SCREENED)
         bare = of_samples(few)
-        filtered, coarse = (
-            channel_factors(model, base, [one])[0].least_misfit() for one in (few, bare)
-        )
+        filtered, coarse = (least_misfits(model, base, [one])[0] for one in (few, bare))
         return cls(bare, filtered, max(coarse**2 - filtered**2, 0.0))
 
-    def least_misfit(self, factors: ChannelFactors) -> float:
-        """Return the least misfit of samples, less the error of their rows."""
-        return float(np.sqrt(max(factors.least_misfit() ** 2 - self.missed, 0.0)))
+    def least_misfits(
+        self,
+        model: TorqueModel,
+        base: BaseParameters,
+        logs: Sequence[Recording],
+        drives: Sequence[Recording | None] | None = None,
+    ) -> list[float]:
+        """Return the least misfits of samples, less the error of their rows.
+
+        For the parameters see `channel_factors`.
+        """
+        found = np.square(least_misfits(model, base, logs, drives=drives))
+        return np.sqrt(np.maximum(found - self.missed, 0.0)).tolist()
 
 
 def _moved(
@@ -411,15 +420,16 @@ def _moved(
     model, base = as_is.factors.model, as_is.factors.base
     screen = as_is.screen
     logs = [c.applied(screen.few) for c in corrections]
-    tried = channel_factors(model, base, logs, drives=_drives(screen.few, corrections))
+    drives = _drives(screen.few, corrections)
+    tried = screen.least_misfits(model, base, logs, drives)
     # Constraints are assumed to cost the same with few samples as with all.
     of_all = as_is.factors.least_misfit()
     fewer = screen.as_is / of_all if of_all > 0.0 else 1.0
     allowed = _MARGIN * fewer * as_is.misfit
     left = [
         c
-        for c, factors in zip(corrections, tried, strict=True)
-        if screen.least_misfit(factors) * c.fault.threshold <= allowed
+        for c, misfit in zip(corrections, tried, strict=True)
+        if misfit * c.fault.threshold <= allowed
     ]
     whole = [altered(as_is.recording, c.applied) for c in left]
     drives = _drives(as_is.recording, left)

@@ -315,7 +315,7 @@ def _mixed(
 
 def _factor_of(own: RowColumns, torque: Vector, columns: IntArray) -> Matrix:
     """Return the triangular factor of some columns, in their order, and the torque."""
-    R = triangle(np.asfortranarray(np.column_stack([own.values.T, torque])))
+    R = triangle(np.concatenate([own.values, torque[None]]).T)
     factor = np.zeros((len(R), len(columns) + 1))
     factor[:, [*np.searchsorted(columns, own.places), len(columns)]] = R
     return factor
