@@ -32,9 +32,11 @@ from consistent_id.problems.selection.fits import (
     Factors,
     FoldFits,
     HeldOut,
+    JointColumns,
     JointFactors,
     candidate_columns,
     candidate_of,
+    columns_of,
     factors_of,
     fitted,
     held_out,
@@ -126,6 +128,9 @@ class Evaluator:
     _masks: dict[tuple[float | None, float], Samples] = field(default_factory=dict)
     _factors: dict[tuple[object, ...], Factors] = field(default_factory=dict)
     _supersets: dict[float, Superset] = field(default_factory=dict)
+    _columns: dict[tuple[object, ...], tuple[JointColumns, ...]] = field(
+        default_factory=dict
+    )
     _candidates: dict[Choice, CandidateModel] = field(default_factory=dict)
     _evaluated: dict[Choice, Evaluated] = field(default_factory=dict)
 
@@ -138,7 +143,7 @@ class Evaluator:
         """Return an evaluator of the same rows with other scales of errors."""
         setting = replace(self.setting, sigma=sigma, size=size)
         rows = self._samples, self._masks, self._factors, self._supersets
-        return Evaluator(setting, *rows, self._candidates)
+        return Evaluator(setting, *rows, self._columns, self._candidates)
 
     def with_friction(
         self, loaded: tuple[str, ...], sloped: tuple[str, ...]
@@ -238,17 +243,29 @@ class Evaluator:
         scale = velocity_scale(choice)
         key = (choice.motion_cutoff, choice.delay, scale, least_speed)
         if key not in self._factors:
-            s = self.setting
-            every = self._superset(scale)
-            self._factors[key] = factors_of(
+            samples = self._masked(choice.motion_cutoff, least_speed)
+            columns = self._columns_of(choice.motion_cutoff, scale, least_speed)
+            self._factors[key] = factors_of(columns, samples.delayed(choice.delay))
+        return self._factors[key]
+
+    def _columns_of(
+        self, cutoff: float | None, scale: float, least_speed: float | None
+    ) -> tuple[JointColumns, ...]:
+        """Return columns, the last ones of which are kept: several delays use them."""
+        key = cutoff, scale, least_speed
+        if key not in self._columns:
+            s, every = self.setting, self._superset(scale)
+            found = columns_of(
                 s.bodies,
-                self._masked(choice.motion_cutoff, least_speed).delayed(choice.delay),
+                self._masked(cutoff, least_speed),
                 every.terms,
                 every.couplings,
                 width=scale,
                 band=s.band,
             )
-        return self._factors[key]
+            self._columns.clear()
+            self._columns[key] = found
+        return self._columns[key]
 
     def _masked(self, cutoff: float | None, least_speed: float | None) -> Samples:
         """Return the rows of motion with a cut-off that are fast enough."""

@@ -91,8 +91,14 @@ class JointFactors:
     @cached_property
     def training(self) -> Array:
         """For each fold, the factor of the rows outside it, as `cells` are."""
-        before, after = _cumulated(self.cells), _cumulated(self.cells[::-1])[::-1]
-        outside = [_joined(before[out[0]], after[out[-1] + 1]) for _, out in folds()]
+        before, after = _cumulated(self.cells), _cumulated(self.cells[::-1])
+        outside = []
+        for _, out in folds():
+            first, second = before[out[0]], after[len(self.cells) - 1 - out[-1]]
+            if first is None or second is None:
+                outside.append(second if first is None else first)
+            else:
+                outside.append(_joined(first, second))
         return np.array(outside)
 
 
@@ -104,7 +110,26 @@ class Factors:
     counts: IntArray
 
 
-def factors_of(
+@dataclass(frozen=True, slots=True, eq=False)
+class JointColumns:
+    """The columns of one joint's rows, but for the torque and its rate.
+
+    Parameters
+    ----------
+    expand : ndarray, shape (bodies' columns, 10 links)
+        Map from the kept inertial columns to all of them.
+    keys : tuple of Key
+        Keys of drive columns.
+    values : ndarray, shape (columns, rows)
+        The last one is the rate of Coulomb friction.
+    """
+
+    expand: Matrix
+    keys: tuple[Key, ...]
+    values: Matrix
+
+
+def columns_of(
     bodies: TorqueModel,
     samples: Samples,
     terms: Sequence[Sequence[DriveTerm]],
@@ -112,8 +137,8 @@ def factors_of(
     *,
     width: float,
     band: float,
-) -> Factors:
-    """Compress rows to triangular factors.
+) -> tuple[JointColumns, ...]:
+    """Return the columns of all torque joints.
 
     Parameters
     ----------
@@ -126,16 +151,32 @@ def factors_of(
     band : float, [Hz]
         Band in which torque is predicted.
     """
-    cell, number, joints = samples.cell, len(EDGES) - 1, []
+    found = []
     for row, (name, (places, expand)) in enumerate(
         zip(bodies.torque_joints, row_structure(bodies), strict=True)
     ):
         own = _OwnColumns(bodies, row, name, terms, couplings, width, band)
         drive = samples.filtered(row, own.along)
+        values = np.concatenate([samples.inertial[row][places], drive.T])
+        found.append(JointColumns(expand, own.keys, values))
+    return tuple(found)
+
+
+def factors_of(columns: Sequence[JointColumns], samples: Samples) -> Factors:
+    """Compress rows to triangular factors.
+
+    Parameters
+    ----------
+    samples : Samples
+        Their torque may be delayed.
+    """
+    number = len(EDGES) - 1
+    where = [np.flatnonzero(samples.cell == place) for place in range(number)]
+    joints = []
+    for row, own in enumerate(columns):
         ends = [samples.torque_rate[:, row], samples.torque[:, row]]
-        rows = np.column_stack([samples.inertial[row][places].T, drive, *ends])
-        joints.append(_joint_factors(rows, cell, number, expand, own.keys))
-    return Factors(tuple(joints), np.bincount(cell, minlength=number))
+        joints.append(_joint_factors(own, np.vstack([own.values, *ends]), where))
+    return Factors(tuple(joints), np.array([len(rows) for rows in where]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,20 +237,21 @@ class _OwnColumns:
 
 
 def _joint_factors(
-    rows: Matrix, cell: IntArray, number: int, expand: Matrix, keys: tuple[Key, ...]
+    own: JointColumns, columns: Matrix, where: Sequence[IntArray]
 ) -> JointFactors:
-    width = rows.shape[1]
-    cells = np.zeros((number, width, width))
-    for place in range(number):
-        R = triangle(np.asfortranarray(rows[cell == place]))
-        cells[place, : len(R)] = R
-    places = {key: len(expand) + i for i, key in enumerate(keys)}
-    return JointFactors(expand, places, cells)
+    """Return the factors of columns in the rows of each cell."""
+    width = len(columns)
+    cells = np.zeros((len(where), width, width))
+    for cell, rows in zip(cells, where, strict=True):
+        R = triangle(columns[:, rows].T)
+        cell[: len(R)] = R
+    places = {key: len(own.expand) + i for i, key in enumerate(own.keys)}
+    return JointFactors(own.expand, places, cells)
 
 
-def _cumulated(cells: Array) -> list[Matrix]:
-    """Return the joint factors of the first 0, 1, 2, ... cells."""
-    return list(accumulate(cells, _joined, initial=np.zeros(cells.shape[1:])))
+def _cumulated(cells: Array) -> list[Matrix | None]:
+    """Return the joint factors of the first 0, 1, 2, ... cells, but not of all."""
+    return [None, *accumulate(cells[:-1], _joined)]
 
 
 def _joined(first: Matrix, second: Matrix) -> Matrix:
