@@ -16,7 +16,12 @@ from consistent_id.problems.selection.choice import (
     scale_moves,
 )
 from consistent_id.problems.selection.evaluation import _drive, torque_delay
-from consistent_id.problems.selection.fits import Gain, HeldOut, gain
+from consistent_id.problems.selection.fits import (
+    Gain,
+    HeldOut,
+    JointFactors,
+    gain,
+)
 from consistent_id.problems.selection.forward_search import _enough
 from consistent_id.problems.selection.samples import (
     EDGES,
@@ -32,6 +37,17 @@ def test_each_number_of_blocks_leaves_every_cell_out_once():
     for number in NUMBERS:
         left = sorted(c for n, out in folds() if n == number for c in out)
         assert left == list(range(len(EDGES) - 1))
+
+
+def test_training_factors_are_those_of_the_rows_outside_each_block():
+    rows = np.random.default_rng(0).normal(size=(len(EDGES) - 1, 5, 4))
+    cells_of = np.zeros((len(rows), 4, 4))
+    for cell, own in zip(cells_of, rows, strict=True):
+        cell[:] = np.linalg.qr(own, mode="r")
+    found = JointFactors(np.eye(2, 20), {}, cells_of).training
+    for (_, out), R in zip(folds(), found, strict=True):
+        outside = np.delete(rows, list(out), axis=0).reshape(-1, 4)
+        np.testing.assert_allclose(R.T @ R, outside.T @ outside, rtol=0, atol=1e-12)
 
 
 def test_blocks_of_a_number_are_equally_long():
