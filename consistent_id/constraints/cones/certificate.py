@@ -53,7 +53,8 @@ than it saves.
 
 _MAGNIFIED = (1e4, 1e6)
 """Factors of half the square, tried where the norm is not proven: for torque that no
-robot has (``benchmarks/odd_torque.py``), its multipliers may be more accurate.
+robot has (``benchmarks/odd_torque.py``), its multipliers may be more accurate.  So they
+are where masses are free, and the first factor mostly is enough.
 """
 
 _LOCAL = 4
@@ -268,12 +269,13 @@ def solve_certified(
 ) -> tuple[ConeSolution, Optimality]:
     """Try several methods until a solution is certified; else return the best.
 
-    The methods are: without inequalities, if the result satisfies them; at several
-    tolerances, for large problems first unrefined, and magnified; within the ball of
-    the proof; about the best point so far; with half the square; about the best point
-    in units of the room there (`solve_about`); and that point again with multipliers
-    found about it.  If a larger gap is enough, the square and a coarse tolerance are
-    tried first.  If two results show that the objective is `_FLAT`, other tolerances
+    The methods are: without inequalities, if the result satisfies them; at a fine
+    tolerance, for large problems first unrefined, and magnified; with half the square;
+    at coarser tolerances; within the ball of the proof; about the best point so far;
+    with half the square, magnified more; about the best point in units of the room
+    there (`solve_about`); and that point again with multipliers found about it.  If a
+    larger gap is enough, the square and a coarse tolerance are tried first.  If two
+    results show that the objective is `_FLAT`, half the square and other tolerances
     are skipped, and each ball is tried once.
 
     Raises
@@ -333,6 +335,8 @@ def _ways(
     yield partial(solve, tolerance=TOLERANCES[0])
     yield partial(solve, tolerance=_FINE[0], magnified=True)
     if not _is_flat(found):
+        if found:
+            yield partial(solve_half_square, problem, times=_MAGNIFIED[0])
         yield from (partial(solve, tolerance=t) for t in TOLERANCES[1:])
     for ball in (within, Ball(centre, RADIUS * within.radius)):
         tolerances = _FINE[:1] if _is_flat(found) else _FINE
@@ -348,7 +352,7 @@ def _ways(
         if (id(start), tolerance) not in tried:
             tried.add((id(start), tolerance))
             yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
-    yield from (partial(solve_half_square, problem, times=t) for t in _MAGNIFIED)
+    yield partial(solve_half_square, problem, times=_MAGNIFIED[1])
     for pivoted in (False, True):
         yield from _local_ways(
             problem, centre, found, within, reference=reference, pivoted=pivoted
