@@ -246,7 +246,12 @@ class TorqueModel:
         ProblemError
             If a shape is wrong or a value is not finite.
         """
-        Y = np.zeros((len(self.torque_joints), len(self.layout), len(np.asarray(q))))
+        samples = len(np.asarray(q))
+        Y = np.zeros((len(self.torque_joints), len(self.layout), samples))
+        if samples <= CHUNK:
+            for _ in self._filled(Y, q, dq, ddq, base):
+                pass
+            return Y
         for part, block in self.chunks(q, dq, ddq, base=base):
             Y[:, :, part] = block
         return Y
