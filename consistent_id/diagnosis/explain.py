@@ -410,7 +410,7 @@ class Screen:
         For the parameters see `channel_factors`.
         """
         found = np.square(least_misfits(model, base, logs, drives=drives))
-        return np.sqrt(np.maximum(found - self.missed, 0.0)).tolist()
+        return [float(np.sqrt(max(each - self.missed, 0.0))) for each in found]
 
 
 def _moved(

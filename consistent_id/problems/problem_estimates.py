@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from consistent_id._support.executors import worker_threads
+from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.constraints import PhysicalConsistency
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
@@ -115,6 +115,7 @@ def identify(
     )
 
 
+@single_threaded  # here, for both threads: the first that ends would give it back
 def fits_left_out(
     problem: Problem, folds: Sequence[LeftOutBlock], *, base: BaseParameters
 ) -> dict[Method, LeftOutFits]:
@@ -135,6 +136,7 @@ def fits_left_out(
         return dict(zip(methods, pool.map(fitted, methods), strict=True))
 
 
+@single_threaded
 def slack_choices(
     problem: Problem, fits: Mapping[Method, LeftOutFits]
 ) -> dict[Method, SlackChoice]:

@@ -168,7 +168,8 @@ def _grid(frame: Frame) -> Html:
 
 
 def _points(frame: Frame, x: Vector, y: Vector) -> list[str]:
-    pairs = zip(frame.across(x), frame.down(y), strict=True)
+    # Floats of Python are turned into text in half the time that NumPy's take.
+    pairs = zip(frame.across(x).tolist(), frame.down(y).tolist(), strict=True)
     return [f"{a:.1f} {b:.1f}" for a, b in pairs]
 
 
