@@ -143,8 +143,7 @@ def chosen_settings(
         best = _with_fewer_terms(best, problem, candidates)
     near = [best.delay - NEAR, best.delay, best.delay + NEAR]
     found = _delayed(best, candidates, near, most)
-    late = replace(best, delay=found.delay)
-    best = late if np.isfinite(error(late)) else best
+    best = min((best, replace(best, delay=found.delay)), key=error)
     found = replace(found, delay=best.delay)
     if not np.isfinite(error(best)):
         raise candidates.none_found()

@@ -27,7 +27,7 @@ from consistent_id.rollout.commanded_motion import replayable
 from consistent_id.rollout.delay_search import NEAR, SAME, FoundDelay, found_delay
 from consistent_id.rollout.motion_parts import Spans, within
 from consistent_id.rollout.settings import (
-    BLOCKS_OF_DELAY,
+    BLOCKS_OF_PART,
     Settings,
     block_squares,
     compared_fit,
@@ -134,9 +134,8 @@ def other_frictions(
 ) -> list[Callable[[float], Vector]]:
     """Return, for each other kind of friction, the squared errors for a delay [s].
 
-    They are of the parts that judge it, and infinite where motion diverges.  A kind
-    that cannot be built is left out, such as friction that depends on the load of
-    unknown bodies.
+    They are infinite where its motion diverges.  A kind that cannot be built is left
+    out, such as friction that depends on the load of unknown bodies.
 
     Parameters
     ----------
@@ -153,18 +152,12 @@ def other_frictions(
         kinds = _other_rows(problem, settings)
         return [candidates.by_delay(k) for k in kinds if candidates.error(k) <= most]
 
-    slow, fast = candidates.parts
-    ways = [(slow, fast)]
-    if candidates.both_judge(settings):
-        ways.append((fast, slow))
-
     def squares(kind: Settings, delay: float) -> Vector:
         made = with_settings(problem, replace(kind, delay=delay))
-        blocks = BLOCKS_OF_DELAY // len(ways)
         try:
-            return np.concatenate([_squares(made, *way, blocks) for way in ways])
+            return _squares(made, candidates.parts)
         except ConsistentIdError:
-            return np.full(BLOCKS_OF_DELAY, np.inf)
+            return np.full(2 * BLOCKS_OF_PART, np.inf)
 
     kinds = [kind for kind in _kinds(problem, settings) if _is_built(problem, kind)]
     return [partial(squares, kind) for kind in kinds]
@@ -212,16 +205,16 @@ def _speed(logs: Sequence[Recording]) -> float:
     return float(np.sqrt(np.median(np.mean(squares, axis=0))))
 
 
-def _squares(problem: Problem, learnt: Spans, other: Spans, blocks: int) -> Vector:
-    """Return `block_squares` of a part, with friction that MuJoCo lacks.
-
-    It is a torque over time.
-    """
-    estimate, _ = compared_fit(problem, within(problem.training, learnt))
-    moved = within(problem.training, other)
-    others = [replayable(log) for log in within(problem.logs("training"), other)]
-    torques = _lacking(estimate, moved, others)
-    return block_squares(problem, estimate, others, torques, blocks=blocks)
+def _squares(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:
+    """Return `squares_of_parts` with friction that MuJoCo lacks as torque over time."""
+    logs, found = problem.logs("training"), []
+    for learnt, other in (parts, parts[::-1]):
+        estimate, _ = compared_fit(problem, within(problem.training, learnt))
+        moved = within(problem.training, other)
+        others = [replayable(log) for log in within(logs, other)]
+        torques = _lacking(estimate, moved, others)
+        found.append(block_squares(problem, estimate, others, torques))
+    return np.concatenate(found)
 
 
 def _lacking(

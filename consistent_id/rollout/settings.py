@@ -108,11 +108,7 @@ def table_in_form_of(table: ProblemTable, form: str) -> ProblemTable:
     )
 
 
-BLOCKS_OF_PART = 4
-"""Blocks of a part, whose scatter is the error of a comparison."""
-
-BLOCKS_OF_DELAY = 8
-"""Blocks whose scatter is the error of the delay; of the faster part, or of both."""
+BLOCKS_OF_PART = 4  # whose scatter is the error of the delay
 
 
 @dataclass(frozen=True, slots=True)
@@ -401,17 +397,17 @@ def replay_errors(
     ]
 
 
-def part_squares(problem: Problem, learnt: Spans, other: Spans) -> Vector:
-    """Return `block_squares` of one part of the training logs, by the fit to another.
-
-    There are `BLOCKS_OF_DELAY`.  They are infinite where rollouts diverge.
-    """
-    estimate, _ = compared_fit(problem, within(problem.training, learnt))
-    logs, blocks = within(problem.logs("training"), other), BLOCKS_OF_DELAY
-    try:
-        return block_squares(problem, estimate, logs, blocks=blocks)
-    except RecordingError:  # it diverges: it was built, and is bad
-        return np.full(blocks, np.inf)
+def squares_of_parts(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:
+    """Return the mean squared error of each part over its blocks, which add up."""
+    logs = problem.logs("training")
+    squares = []
+    for learnt, other in (parts, parts[::-1]):
+        estimate, _ = compared_fit(problem, within(problem.training, learnt))
+        try:
+            squares.append(block_squares(problem, estimate, within(logs, other)))
+        except RecordingError:  # it diverges: it was built, and is bad
+            return np.full(2 * BLOCKS_OF_PART, np.inf)
+    return np.concatenate(squares)
 
 
 def block_squares(
@@ -419,8 +415,6 @@ def block_squares(
     estimate: Estimate,
     logs: Sequence[Recording],
     offsets: Sequence[Matrix] | None = None,
-    *,
-    blocks: int = BLOCKS_OF_PART,
 ) -> Vector:
     """Return half of the mean squared error over blocks of rollouts, which add up.
 
@@ -437,8 +431,8 @@ def block_squares(
         If a motion diverges.
     """
     errors = np.vstack(replay_errors(problem, estimate, logs, SEARCH_STEP, offsets))
-    parts = np.array_split(errors, blocks)
-    return np.array([(part**2).sum() / errors.size / 2.0 for part in parts])
+    blocks = np.array_split(errors, BLOCKS_OF_PART)
+    return np.array([(block**2).sum() / errors.size / 2.0 for block in blocks])
 
 
 def difference_error(squares: Vector) -> float:

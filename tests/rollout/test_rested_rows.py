@@ -26,7 +26,7 @@ from consistent_id.rollout.delay_interval import (
 )
 from consistent_id.rollout.delay_search import MOST
 from consistent_id.rollout.problem_rollout import rollout_of
-from consistent_id.rollout.settings import BLOCKS_OF_DELAY, Settings, with_settings
+from consistent_id.rollout.settings import BLOCKS_OF_PART, Settings, with_settings
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +43,10 @@ class Stated(Candidates):
         super().__init__(problem)
         self._stated = error
 
-    def _of(self, settings, part):
+    def squares(self, settings):
         error = self._stated(settings)
-        return np.full(BLOCKS_OF_DELAY, error**2 / (2 * BLOCKS_OF_DELAY))
+        self.tried[settings] = error
+        return np.full(2 * BLOCKS_OF_PART, error**2 / (2 * BLOCKS_OF_PART))
 
 
 def off(settings, delay, cutoff):
