@@ -6,8 +6,7 @@
 
 After a command, a page states the day, the commit and the machine, and a digest of each
 problem file that the command used.  `tests/test_pages.py` fails where a problem file is
-no longer the one of the page, and where a command has no stamp.  Stamps with "machine
-not noted" are older than this rule: their commit is the one that brought the figures.
+no longer the one of the page, and where a command has no stamp.
 A few commands print figures that stand in sentences; the list says which, and the test
 why.
 
