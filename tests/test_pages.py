@@ -172,6 +172,7 @@ def test_every_measured_page_states_command_day_commit_and_machine():
 
 IN_SENTENCES = {
     ("clean-recordings.md", "clean_simulations.py"): "how many logs were accused: none",
+    ("collisions.md", "independent_collisions.py"): "periodic motions do not touch",
     ("quadruped-trunk.md", "quadruped.py"): "18 lines of three logs; two tables of it",
     ("quadruped-trunk.md", "quadruped_intervals.py"): "sums of three runs in one table",
     ("rollout.md", "rollout_delays.py"): "how many delays are in their intervals",
