@@ -6,7 +6,7 @@ from dataclasses import replace
 import msgspec
 
 from consistent_id.diagnosis import Diagnosis, LogFinding, diagnose
-from consistent_id.diagnosis.small_shifts import LONG
+from consistent_id.diagnosis.joint_shifts import LONG
 from consistent_id.problems.log_entries import drive_limits
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording, instant

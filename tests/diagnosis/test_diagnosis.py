@@ -24,9 +24,9 @@ from consistent_id.diagnosis.coverage import (
     standstill_findings,
 )
 from consistent_id.diagnosis.findings import diagnosis_table
+from consistent_id.diagnosis.joint_shifts import estimate_lag, estimate_shifts
 from consistent_id.diagnosis.leaks import leak_findings, repeated_share
 from consistent_id.diagnosis.linearise import jackknife, linearised
-from consistent_id.diagnosis.small_shifts import estimate_lag, estimate_shifts
 from consistent_id.problems.statement_words import values
 from consistent_id.recordings.signals.masks import unknown_where
 from consistent_id.regression import base_parameters
