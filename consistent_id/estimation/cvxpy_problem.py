@@ -4,19 +4,24 @@ The unknowns are ``u = x / unit``, pure numbers near one.  Half the squared misf
 units of least squares' residual norm, plus the prior, is minimised over the package's
 constraints; users can add convex terms and constraints, or replace the objective. The
 proof of the optimum is recomputed: without own terms, by the certificate of all other
-estimates; with own terms, on the cone programme that CVXPY makes of them
-(`cvxpy_cones`).
+estimates; with own terms, on the cone programme that CVXPY makes of them,
+``minimise f(y) = 1/2 y.P y + q.y  subject to  b - A y in K``.
+
+As in `certificate`: with ``g = P y + q`` and multipliers in the dual cone, no feasible
+``y'`` of a ball has less than ``f(y) + g.(y' - y)``, and `lower_bound` returns a lower
+bound of ``g.y'``.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
@@ -24,13 +29,19 @@ from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
     OptimumProof,
+    ball_about,
 )
-from consistent_id.constraints.cones.conic_optimum import ConicOptimum, conic_optimum
 from consistent_id.constraints.cones.least_norm import ConeSolution
-from consistent_id.constraints.cones.programmes import Multipliers, set_multipliers
-from consistent_id.constraints.cones.sets import ConicSet, stacked
+from consistent_id.constraints.cones.programmes import (
+    ConeKind,
+    ConeRows,
+    Multipliers,
+    lower_bound,
+    set_multipliers,
+)
+from consistent_id.constraints.cones.sets import ConicSet, lengths, stacked
 from consistent_id.constraints.priors import EntropicDistance, NominalDistance, Prior
-from consistent_id.errors import ProblemError
+from consistent_id.errors import InfeasibleError, ProblemError, SolverError
 from consistent_id.estimation.best_fit import REFERENCE, FitProblem, ScaledFit
 from consistent_id.estimation.constrained import FoundOptimum, audited
 from consistent_id.estimation.constrained_fit import (
@@ -44,7 +55,82 @@ from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS
 
+CLARABEL = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
+"""Options of the solver."""
+
 _ALLOWED = f"{GAP_TOLERANCE:.0e} of the optimum, {FEASIBILITY_TOLERANCE:.0e}"
+
+
+class ConicOptimum(NamedTuple):
+    """``minimise 1/2 y.P y + q.y`` over rows, and a point with multipliers."""
+
+    rows: tuple[ConeRows, ...] | None
+    slope: Vector
+    y: Vector
+    duals: list[Vector]
+
+    def gap(self) -> float:
+        """Return the largest possible decrease of the objective in the ball."""
+        within = ball_about(self.y)
+        bound = lower_bound(self.slope, self.rows or (), self.duals, within)
+        return max(float(self.slope @ self.y) - bound, 0.0)
+
+    def violation(self) -> float:
+        """Return the distance of the point from the cones."""
+        return max((block.violation(self.y) for block in self.rows or ()), default=0.0)
+
+
+def conic_optimum(problem: Any) -> ConicOptimum:
+    """Solve by Clarabel, and assign the values of the problem's variables.
+
+    The result has no rows if the problem needs unsupported cones.
+    """
+    import cvxpy as cp
+
+    try:
+        options = dict(CLARABEL)
+        data, chain, inverse = problem.get_problem_data(
+            cp.CLARABEL, solver_opts=options
+        )
+        found = chain.solve_via_data(problem, data, solver_opts=options)
+        with warnings.catch_warnings():
+            # "Solution may be inaccurate": the proof shows it, with figures.
+            warnings.simplefilter("ignore", UserWarning)
+            problem.unpack_results(found, chain, inverse)
+    except (cp.error.SolverError, ValueError) as cause:
+        raise SolverError(f"CVXPY found no point: {cause}") from None
+    if "infeasible" in problem.status:
+        raise InfeasibleError(
+            "no parameters satisfy the package's constraints and your own together; "
+            "loosen your own; CVXPY does not name them"
+        )
+    y, z = np.asarray(found.x), np.asarray(found.z)
+    if problem.status not in ("optimal", "optimal_inaccurate"):
+        raise SolverError(
+            f"CVXPY ended {problem.status!r}; is the objective bounded from below?"
+        )
+    P = data.get("P")
+    slope = data["c"] if P is None else data["c"] + P @ y
+    rows = _cone_rows(data["A"].toarray(), data["b"], data["dims"])
+    ends = np.cumsum([len(block.b) for block in rows or ()])[:-1]
+    return ConicOptimum(rows, slope, y, np.split(z, ends))
+
+
+def _cone_rows(A: Matrix, b: Vector, dims: Any) -> tuple[ConeRows, ...] | None:
+    """Return CVXPY's rows, zero cone first; None if other cones are among them."""
+    kinds: list[tuple[ConeKind, int, tuple[int, ...]]] = [
+        ("zero", dims.zero, ()),
+        ("nonnegative", dims.nonneg, ()),
+        *(("second order", size, ()) for size in dims.soc),
+        ("semidefinite", sum(lengths(dims.psd)), tuple(dims.psd)),
+    ]
+    ends = np.cumsum([size for _, size, _ in kinds])
+    if ends[-1] != len(b):
+        return None
+    return tuple(
+        ConeRows(kind, A[end - size : end], b[end - size : end], orders)
+        for (kind, size, orders), end in zip(kinds, ends, strict=True)
+    )
 
 
 @brief

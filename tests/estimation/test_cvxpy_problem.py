@@ -19,10 +19,10 @@ from consistent_id import (
     constrained_least_squares,
 )
 from consistent_id.constraints import Penalty, PointToSet
-from consistent_id.constraints.cones.conic_optimum import ConicOptimum, conic_optimum
 from consistent_id.constraints.cones.sets import matrices
 from consistent_id.constraints.priors import nominal_distance
 from consistent_id.estimation import cvxpy_problem, to_cvxpy
+from consistent_id.estimation.cvxpy_problem import ConicOptimum, conic_optimum
 
 CONSTRAINTS = (PhysicalConsistency(), NonNegativeDrive())
 PRIORS = (
@@ -146,7 +146,7 @@ def test_an_own_objective_is_minimised():
 def test_a_wrong_optimum_is_not_certified(monkeypatch):
     form, _ = problem(0)
     short = {"max_iter": 4}
-    monkeypatch.setattr("consistent_id.constraints.cones.conic_optimum.CLARABEL", short)
+    monkeypatch.setattr("consistent_id.estimation.cvxpy_problem.CLARABEL", short)
     try:
         estimate = form.solve(terms=[0.1 * cp.norm1(form.variable)])
     except SolverError:
