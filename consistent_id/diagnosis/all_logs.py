@@ -1,6 +1,10 @@
 """Faults in the recordings of a robot, each by itself and all together.
 
 Validation is also compared with training (`leak_findings`).
+
+Zeros and gains of several joints, or a clock, explain a part of a log with a wrong
+scale of one position, as of an encoder at the motor.  If one such scale explains more
+than all of them, it has fewer numbers, too, and stands in their place.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -12,14 +16,17 @@ from consistent_id.constraints import Constraint
 from consistent_id.diagnosis.another_robot import of_usual_size, other_robot
 from consistent_id.diagnosis.changes import change_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
+from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, corrections
 from consistent_id.diagnosis.coverage import saturation_findings
-from consistent_id.diagnosis.encoder_scales import scale_instead
 from consistent_id.diagnosis.explain import (
     RUBS,
     SAMPLES,
+    Explanation,
     FittedLog,
     bodies_known,
+    corrected,
     datasheet_constraints,
+    explanation_finding,
     masses_known,
     thinned,
 )
@@ -32,7 +39,13 @@ from consistent_id.diagnosis.free_clock import (
     free_clock_findings,
 )
 from consistent_id.diagnosis.frozen_channels import frozen_findings
-from consistent_id.diagnosis.joint_shifts import CommonShifts, joint_shifts
+from consistent_id.diagnosis.joint_shifts import (
+    SHIFT_KINDS,
+    CommonShifts,
+    all_faults_are,
+    joint_shifts,
+    together,
+)
 from consistent_id.diagnosis.leaks import leak_findings
 from consistent_id.diagnosis.one_log import (
     OpenLog,
@@ -50,6 +63,8 @@ from consistent_id.diagnosis.wrong_units import (
     model_findings,
     travel_findings,
 )
+from consistent_id.errors import InfeasibleError, SolverError
+from consistent_id.estimation.best_fit import best_fit
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
@@ -74,6 +89,9 @@ _MASSES = "masses or gain"
 # Parts of the robot, and how it is mounted: the same in all logs, so that what
 # validation alone shows is less.
 _OF_THE_ROBOT: Mapping[str, Severity] = {"coupling": "note", "gravity": "warning"}
+
+STAND_INS = (*SHIFT_KINDS, "clock")
+"""Kinds of faults that a wrong scale of a position looks like."""
 
 
 @single_threaded
@@ -410,3 +428,65 @@ def _of_another_robot(
     few = [thinned(log, SAMPLES) for log in logs]
     as_is = FactorLogs.of(model, few, masses_known=masses_known(constraints))
     return other_robot(as_is if unit_known else of_usual_size(as_is))
+
+
+def scale_instead(
+    clock: SureClock, shifts: CommonShifts, found: Sequence[LogFinding]
+) -> list[LogFinding]:
+    """Replace faults of zeros, gains and the clock by a scale that explains more.
+
+    Parameters
+    ----------
+    clock, shifts
+        Of the same logs.
+    found : sequence of LogFinding
+        Findings of all these logs together.
+    """
+    if not all_faults_are(STAND_INS, found):
+        return list(found)
+    best = _best_scale(shifts.logs)
+    if best is None or best.score < 1.0:
+        return list(found)
+    if best.misfit >= min(shifts.misfit, clock.misfit):
+        return list(found)
+    return [_scale_finding(best), *(f for f in found if f.kind not in STAND_INS)]
+
+
+def _best_scale(logs: Sequence[FittedLog]) -> Explanation | None:
+    """Return the scale with the least misfit in all logs, if all allow one."""
+    as_is = together([log.misfit for log in logs])
+    each = [_scale_misfits(log) for log in logs]
+    shared = [
+        Explanation(cause, together([one[cause] for one in each]), as_is)
+        for cause in each[0]
+        if all(cause in one for one in each)
+    ]
+    return min(shared, key=lambda scale: scale.misfit, default=None)
+
+
+def _scale_misfits(log: FittedLog) -> dict[Cause, float]:
+    """Return the misfits with scales that a few samples do not exclude."""
+    model = log.factors.model
+    every = corrections(model.robot, model.torque_joints)
+    near = [c for c in every if c.cause.excuse == LOOKS_ALIKE]
+    found = {}
+    for candidate in corrected(log, near):
+        factors = candidate.factors
+        try:
+            fit = best_fit(
+                model, factors.regression(), candidate.constraints, base=factors.base
+            )
+        except (InfeasibleError, SolverError):
+            continue  # no robot explains the log with this scale
+        found[candidate.cause] = factors.relative(fit.misfit)
+    return found
+
+
+def _scale_finding(scale: Explanation) -> LogFinding:
+    finding = explanation_finding(scale)
+    return replace(
+        finding,
+        statement=f"{finding.statement}; zeros, gains and the clock explain less; a "
+        "link that is longer or shorter than the model's looks the same",
+        advice=f"{finding.advice}; check the lengths of the model",
+    )

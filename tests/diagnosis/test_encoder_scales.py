@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from faulty_logs import arm, at_samples, clean_log
 
-from consistent_id.diagnosis import diagnose, encoder_scales
+from consistent_id.diagnosis import all_logs, diagnose
+from consistent_id.diagnosis.all_logs import scale_instead
 from consistent_id.diagnosis.corrections import corrections
-from consistent_id.diagnosis.encoder_scales import scale_instead
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.joint_shifts import CommonShifts, joint_shifts
@@ -74,7 +74,7 @@ def test_a_scale_has_to_explain_as_much_as_any_fault(margin, monkeypatch):
         if (c.where, c.fault.kind, c.change.size) == ("joint3", "encoder scale", 0.9)
     )
     left = margin * fitted.misfit / scale.threshold
-    monkeypatch.setattr(encoder_scales, "_misfits", lambda log: {scale: left})
+    monkeypatch.setattr(all_logs, "_scale_misfits", lambda log: {scale: left})
     found = _instead([fitted], [ZERO], fitted.misfit)
     assert (found == [ZERO]) == (margin > 1.0)
 

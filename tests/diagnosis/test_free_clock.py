@@ -11,7 +11,7 @@ from known_arm import arm, logged, slow_log
 
 from consistent_id import InertialParameters
 from consistent_id.diagnosis import all_logs, diagnose, free_clock, joint_shifts
-from consistent_id.diagnosis.encoder_scales import scale_instead
+from consistent_id.diagnosis.all_logs import scale_instead
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
 from consistent_id.diagnosis.factor_logs import FactorLogs
 from consistent_id.diagnosis.findings import LogFinding
