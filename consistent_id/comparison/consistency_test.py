@@ -16,11 +16,12 @@ about half of the truly active ones inside, and a simulation without them has to
 ``T`` [Andrews2010]_.  Each joint's noise level is an estimate, often with few degrees
 of freedom ``n`` (`ResidualNoise.level_freedom`).  So each draw divides the joint's
 variance by ``chi^2_n / n``, and ``T`` is compared with a mixture of ``F`` distributions
-instead of ``chi^2``.  Two things save work.  That robot
+instead of ``chi^2``.  Three things save work.  That robot
 itself satisfies the constraints, so ``T`` of simulated data is at most the noise's
-square: if ``T`` of the data is larger, it is not reached, and no fit is needed.  The
-simulation ends when `REACHED` draws have reached it, which shows that it is not rare;
-their share is a valid p-value [Besag1991]_.
+square: if ``T`` of the data is larger, it is not reached, and no fit is needed.  Others
+are fitted roughly, until a robot shows that ``T`` is clearly less than the data's, and
+exactly where it is near.  The simulation ends when `REACHED` draws have reached it,
+which shows that it is not rare; their share is a valid p-value [Besag1991]_.
 """
 
 from collections.abc import Iterator, Sequence
