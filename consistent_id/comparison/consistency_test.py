@@ -73,6 +73,7 @@ _NONE = 1e-9  # increase that is rounding: all data reach it
 _SMALL = 0.01  # increase that need not be told from less
 _CLEAR = 0.2  # share by which a rough increase is surely less or more than another
 _FIRST = 10  # draws simulated before they are counted
+_MOST = 40  # the same of later ones, which are solved together
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,7 +278,9 @@ def _simulated(
 ) -> _Count:
     """Count simulated data sets until enough have reached an increase."""
     each = partial(_reaching, best, increase)
-    some, count = _in_batches(noise), _Count(0, 0)
+    # Workers share small batches evenly.
+    most = _MOST if executor is None else _FIRST
+    some, count = _in_batches(noise, most), _Count(0, 0)
     answers = map(each, some) if executor is None else executor.map(each, some)
     for answer in chain.from_iterable(answers):
         if answer is not None:
@@ -289,12 +292,12 @@ def _simulated(
     return count
 
 
-def _in_batches(noise: Matrix) -> Iterator[Matrix]:
-    """Yield a few draws, then twice as many each time: these are solved together."""
+def _in_batches(noise: Matrix, most: int) -> Iterator[Matrix]:
+    """Yield a few draws, then twice as many each time, at most some."""
     start, size = 0, _FIRST
     while start < len(noise):
         yield noise[start : start + size]
-        start, size = start + size, 2 * size
+        start, size = start + size, min(2 * size, most)
 
 
 @single_threaded

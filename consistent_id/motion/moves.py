@@ -33,7 +33,7 @@ from consistent_id.robot.parameters import did_you_mean
 
 _ORDERS = ("position", "velocity", "acceleration")
 _SAME_TIME = 1e-9  # share of the duration by which two times may differ
-_SAME_POSE = 1e-9  # jump of any joint that is rounding
+_SAME_STATE = 1e-9  # jump of any joint, or of its derivatives, that is rounding
 _JUMP = 1e-6  # share of its bound by which a derivative may jump
 _SAME = 1e-9  # difference, relative to the trajectory's bound, that counts as rounding
 
@@ -118,7 +118,7 @@ class Move:
         self, before: Array, after: Array, where: str, orders: tuple[int, ...]
     ) -> None:
         for k in orders:
-            allowed = _JUMP * self.derivative_bound(k) + _SAME_POSE
+            allowed = _JUMP * self.derivative_bound(k) + _SAME_STATE
             off = abs(after[k] - before[k])
             if (off > allowed).any():
                 j = int(np.argmax(off / allowed))

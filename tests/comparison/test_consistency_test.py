@@ -188,8 +188,8 @@ def test_simulated_data_reach_what_their_own_distance_is_above():
     for e in np.random.default_rng(0).normal(size=(40, len(fitted))):
         distance = _squared_distance(best, fitted + e / best.scaled.size)
         if distance > 0.1:
-            for share, reached in ((0.999, True), (1.001, False)):
-                assert _reaching(best, share * distance, e[None]) == [reached]
+            for share in (0.1, 0.3, 0.7, 0.999, 1.001, 1.5, 3.0, 10.0):
+                assert _reaching(best, share * distance, e[None]) == [share < 1.0]
 
 
 def test_weights_of_the_regression_do_not_matter():

@@ -334,9 +334,10 @@ def _ways(
         yield partial(solve, tolerance=TOLERANCES[0], refined=False)
     yield partial(solve, tolerance=TOLERANCES[0])
     yield partial(solve, tolerance=_FINE[0], magnified=True)
+    early = bool(found) and not _is_flat(found)
+    if early:
+        yield partial(solve_half_square, problem, times=_MAGNIFIED[0])
     if not _is_flat(found):
-        if found:
-            yield partial(solve_half_square, problem, times=_MAGNIFIED[0])
         yield from (partial(solve, tolerance=t) for t in TOLERANCES[1:])
     for ball in (within, Ball(centre, RADIUS * within.radius)):
         tolerances = _FINE[:1] if _is_flat(found) else _FINE
@@ -352,7 +353,8 @@ def _ways(
         if (id(start), tolerance) not in tried:
             tried.add((id(start), tolerance))
             yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
-    yield partial(solve_half_square, problem, times=_MAGNIFIED[1])
+    for times in _MAGNIFIED[early:]:
+        yield partial(solve_half_square, problem, times=times)
     for pivoted in (False, True):
         yield from _local_ways(
             problem, centre, found, within, reference=reference, pivoted=pivoted

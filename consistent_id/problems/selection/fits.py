@@ -243,7 +243,7 @@ def _joint_factors(
     width = len(columns)
     cells = np.zeros((len(where), width, width))
     for cell, rows in zip(cells, where, strict=True):
-        R = triangle(columns[:, rows].T)
+        R = triangle(np.take(columns, rows, axis=1).T)
         cell[: len(R)] = R
     places = {key: len(own.expand) + i for i, key in enumerate(own.keys)}
     return JointFactors(own.expand, places, cells)
