@@ -18,6 +18,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.constraints.cones.certificate import (
+    FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
     Optimality,
     Parabola,
@@ -44,7 +45,6 @@ from consistent_id.estimation.best_fit import REFERENCE, ScaledFit, solved
 _STEPS = 60
 _KEPT = 0.25  # least share of each eigenvalue of a body that a Newton step leaves
 _HALVINGS = 30  # resolution of the share of a Newton step
-_USABLE = 1e-6  # violation, ten times the certified one; beyond it, there is no answer
 _FULL = 0.25  # local length up to which a Newton step is taken in full
 _STILL = 1e-7  # local length at which Newton's method has arrived
 _CLOSE = 1e-4  # local length from which no more than two further steps are tried
@@ -187,7 +187,7 @@ class Compromise:
         else:
             solution = self._newton(distance, centre if start is None else start)
             solution, optimality = self.proven(solution)
-            if optimality.violation > _USABLE:
+            if optimality.violation > FEASIBILITY_TOLERANCE:
                 raise SolverError(
                     "the entropic distance needs links with mass and thickness, but "
                     "none that satisfy the constraints were found (violation "
