@@ -177,24 +177,29 @@ def _of_findings(evidence: Evidence) -> Iterator[Reason]:
         said = f"{where}: {finding.statement}"
         held_out = {error.recording for error in evidence.held_out}
         learnt = finding.recording not in held_out
-        if word == "use with care" and learnt and _mistimed(finding, evidence.fit):
+        if word == "use with care" and learnt and _mistimed(finding, evidence):
             word = "do not use"
             said += "; and the estimate leaves too much of the torque unexplained"
         factor, size = factor_of(finding, evidence.findings)
         yield Reason(finding.kind, word, said, finding.advice, factor, size)
 
 
-def _mistimed(finding: LogFinding, fit: Fit | None) -> bool:
+def _mistimed(finding: LogFinding, evidence: Evidence) -> bool:
     """Return whether torque is late or held, and the log is not explained with it.
 
     A lag is inferred from a fit.  Bodies imitate it, as far as they stay consistent: so
-    others have to explain the log better.  That a torque is held shows in its samples;
-    one in coarse steps has no size, and is not late.
+    others have to explain the log better.  Where an estimate is refined by rollout,
+    torque is computed from commands, and rollouts have found how late these act.  That
+    a torque is held shows in its samples; one in coarse steps has no size, and is not
+    late.
     """
+    fit = evidence.fit
     if fit is None or fit.misfit <= MISFIT_CARE:
         return False
-    held = finding.kind == "torque resolution" and bool(finding.size)
-    return held or (finding.kind == "lag" and fit.excess > EXCESS_CARE)
+    if finding.kind == "lag":
+        timed = evidence.method == Method.REFINED_BY_ROLLOUT
+        return not timed and fit.excess > EXCESS_CARE
+    return finding.kind == "torque resolution" and bool(finding.size)
 
 
 def _of_fit(evidence: Evidence) -> Iterator[Reason]:

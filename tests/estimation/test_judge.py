@@ -29,6 +29,7 @@ from consistent_id import (
 )
 from consistent_id.estimation import judge
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.method import Method
 from consistent_id.estimation.verdict import WORDS, Verdict
 from consistent_id.export import to_json
 from consistent_id.recordings.recording import LogFinding
@@ -149,6 +150,10 @@ def test_a_late_torque_that_leaves_much_unexplained_is_not_used(
     noted = replace(evidence, findings=(replace(late, severity="note"),))
     assert judge(noted).word != "do not use"
     assert judge(replace(evidence, accepted=(kind,))).word != "do not use"
+    # Rollouts have found how late commands act; they do not show that a torque is held.
+    rolled = judge(replace(evidence, method=Method.REFINED_BY_ROLLOUT))
+    (reason,) = [r for r in rolled.reasons if r.kind == kind]
+    assert reason.word == ("use with care" if kind == "lag" else word)
 
 
 def test_an_error_above_predicting_nothing_is_never_used():
