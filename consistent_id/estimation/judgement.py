@@ -189,9 +189,9 @@ def _mistimed(finding: LogFinding, evidence: Evidence) -> bool:
 
     A lag is inferred from a fit.  Bodies imitate it, as far as they stay consistent: so
     others have to explain the log better.  Where an estimate is refined by rollout,
-    torque is computed from commands, and rollouts have found how late these act.  That
-    a torque is held shows in its samples; one in coarse steps has no size, and is not
-    late.
+    torque is computed from commands: rollouts show how late these act, and a fit of
+    torque takes errors of friction for a lag.  That a torque is held shows in its
+    samples; one in coarse steps has no size, and is not late.
     """
     fit = evidence.fit
     if fit is None or fit.misfit <= MISFIT_CARE:

@@ -246,9 +246,8 @@ class TorqueModel:
         ProblemError
             If a shape is wrong or a value is not finite.
         """
-        samples = len(np.asarray(q))
-        Y = np.zeros((len(self.torque_joints), len(self.layout), samples))
-        if samples <= CHUNK:
+        Y = np.zeros((len(self.torque_joints), len(self.layout), len(np.asarray(q))))
+        if Y.shape[2] <= CHUNK:
             for _ in self._filled(Y, q, dq, ddq, base):
                 pass
             return Y

@@ -41,25 +41,22 @@ from consistent_id.errors import SolverError
 
 _FINE = (1e-12, 1e-10)  # tolerances for moderate numbers, or for magnified ones
 _FLAT = 1e-3
-"""Gap that no tolerance of the solver closes: the objective is flat in directions in
-which the point diverged, and only a ball can bound it.
-"""
+"""Gap that no tolerance closes: the objective is flat where the point diverged."""
 
 _MANY = 200
-"""Number of parameters from which the first try is not refined: this saves a third of
-the solver's time and is mostly enough; for fewer parameters, a second try costs more
-than it saves.
+"""Parameters from which the first try is not refined: that saves a third of its time
+and is mostly enough; with fewer, a second try costs more than it saves.
 """
 
 _MAGNIFIED = (1e4, 1e6)
-"""Factors of half the square, tried where the norm is not proven: for torque that no
-robot has (``benchmarks/odd_torque.py``), its multipliers may be more accurate.  So they
-are where masses are free, and the first factor mostly is enough.
+"""Factors of half the square.  Its multipliers may be better than the norm's, for free
+masses and for torque that no robot has (``benchmarks/odd_torque.py``).  The first
+factor is mostly enough.
 """
 
 _LOCAL = 4
-"""Solutions about the last point, in units of the room there: their gaps differ by
-orders of magnitude, as the solver's last digits do, and one or two are mostly enough.
+"""Solutions about the last point, in units of the room there: their gaps differ as the
+solver's last digits do, and one or two are mostly enough.
 """
 
 _NO_COST = 1e-9  # share of the objective, far below the allowed gap
@@ -73,9 +70,7 @@ FEASIBILITY_TOLERANCE = 1e-7
 """Largest violation of a certified point, in units of typical parameters."""
 
 RADIUS = 10.0
-"""Radius of the ball in which a proof is valid, in units of one plus its centre's
-norm.
-"""
+"""Radius of the ball of a proof, in units of one plus its centre's norm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -335,8 +330,8 @@ def _ways(
     yield partial(solve, tolerance=TOLERANCES[0])
     yield partial(solve, tolerance=_FINE[0], magnified=True)
     early = bool(found) and not _is_flat(found)
-    if early:
-        yield partial(solve_half_square, problem, times=_MAGNIFIED[0])
+    squares = [partial(solve_half_square, problem, times=t) for t in _MAGNIFIED]
+    yield from squares[:early]
     if not _is_flat(found):
         yield from (partial(solve, tolerance=t) for t in TOLERANCES[1:])
     for ball in (within, Ball(centre, RADIUS * within.radius)):
@@ -353,8 +348,7 @@ def _ways(
         if (id(start), tolerance) not in tried:
             tried.add((id(start), tolerance))
             yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
-    for times in _MAGNIFIED[early:]:
-        yield partial(solve_half_square, problem, times=times)
+    yield from squares[early:]
     for pivoted in (False, True):
         yield from _local_ways(
             problem, centre, found, within, reference=reference, pivoted=pivoted

@@ -5,7 +5,7 @@ A fit's torque error is computed on the blocks that were left out.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import accumulate
 from pathlib import Path
 from typing import NamedTuple
@@ -94,11 +94,8 @@ class JointFactors:
         before, after = _cumulated(self.cells), _cumulated(self.cells[::-1])
         outside = []
         for _, out in folds():
-            first, second = before[out[0]], after[len(self.cells) - 1 - out[-1]]
-            if first is None or second is None:
-                outside.append(second if first is None else first)
-            else:
-                outside.append(_joined(first, second))
+            parts = before[out[0]], after[len(self.cells) - 1 - out[-1]]
+            outside.append(reduce(_joined, [R for R in parts if R is not None]))
         return np.array(outside)
 
 
@@ -240,8 +237,7 @@ def _joint_factors(
     own: JointColumns, columns: Matrix, where: Sequence[IntArray]
 ) -> JointFactors:
     """Return the factors of columns in the rows of each cell."""
-    width = len(columns)
-    cells = np.zeros((len(where), width, width))
+    cells = np.zeros((len(where), len(columns), len(columns)))
     for cell, rows in zip(cells, where, strict=True):
         R = triangle(np.take(columns, rows, axis=1).T)
         cell[: len(R)] = R
@@ -293,10 +289,9 @@ def candidate_of(
     model = drive_of(table, described(bodies.robot, table))
     domain = lowered(constraints_of(table.constraints, folder, table.joints), model)
     size = model.layout.inertial_size
-    owners_names = model.layout.drive
     keys = tuple(
-        Key(owner, name, term)
-        for (owner, name), term in zip(owners_names, model.column_terms, strict=True)
+        Key(*place, term)
+        for place, term in zip(model.layout.drive, model.column_terms, strict=True)
     )
     low, _ = domain.box
     return CandidateModel(model, keys, domain, low[size:] >= 0.0)
