@@ -64,6 +64,22 @@ def test_no_way_of_solving_is_tried_twice():
     assert others == list(certificate.TOLERANCES)
 
 
+@pytest.mark.parametrize("failing", [0, 1, 3])
+def test_both_magnified_squares_are_tried_whichever_ways_fail_before(failing):
+    """The first of them is tried third, if there is a point by then."""
+    problem, _ = _triangular(0)
+    options = {"reference": 0.5, "reach": 0.0, "gap": 1e-6}
+    solution, optimality = solve_certified(problem, np.zeros(6), reference=0.5)
+    found, times = [], []
+    for way in certificate._ways(problem, np.zeros(6), found, **options):
+        times.append(getattr(way, "keywords", {}).get("times"))
+        if len(times) > failing and not found:
+            found.append((solution, optimality))
+    squares = [n for n in times if n is not None]
+    assert squares == list(certificate._MAGNIFIED)
+    assert (times[2] == squares[0]) == (failing < 2)
+
+
 @pytest.mark.parametrize("seed", range(10))
 def test_the_nearest_semidefinite_matrix_is_the_one_with_its_negative_part_cut(seed):
     problem, answer = _triangular(seed)

@@ -24,7 +24,7 @@ from consistent_id.diagnosis.all_logs import (
     _of_whole_robot,
 )
 from consistent_id.diagnosis.alternatives import gravity_in
-from consistent_id.diagnosis.channel_factors import channel_factors
+from consistent_id.diagnosis.channel_factors import channel_factors, least_misfits
 from consistent_id.diagnosis.contact_stretches import joint_residuals
 from consistent_id.diagnosis.explain import (
     RUBS,
@@ -208,6 +208,21 @@ def test_columns_of_drives_may_come_from_another_filtered_motion():
     own, other = channel_factors(model, base, [smooth] * 2, drives=[None, smooth])
     for A, B in zip(own.factors, other.factors, strict=True):
         assert np.allclose(A, B, rtol=0, atol=1e-12 * abs(A).max())
+
+
+@pytest.mark.parametrize("cutoff", [None, 2.0])
+def test_misfits_without_factors_are_those_of_the_factors(cutoff):
+    model, log = _run()
+    noise = np.random.default_rng(0).normal(size=log.torque.shape)
+    rough = replace(log, torque=log.torque + noise)
+    given = rough if cutoff is None else low_passed(rough, torque_cutoff=cutoff)
+    few, base = given.samples(slice(0, 40)), base_parameters(model)
+    logs, drives = [given, few, given], [None, None, given]
+    by_factors = channel_factors(model, base, logs, drives=drives)
+    found = least_misfits(model, base, logs, drives=drives)
+    expected = [factors.least_misfit() for factors in by_factors]
+    assert expected[0] > 1e-3
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
 def _kinds(model, log, cutoff):

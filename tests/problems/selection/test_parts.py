@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -15,7 +16,11 @@ from consistent_id.problems.selection.choice import (
     delay_moves,
     scale_moves,
 )
-from consistent_id.problems.selection.evaluation import _drive, torque_delay
+from consistent_id.problems.selection.evaluation import (
+    Evaluator,
+    _drive,
+    torque_delay,
+)
 from consistent_id.problems.selection.fits import (
     Gain,
     HeldOut,
@@ -100,6 +105,23 @@ def test_a_joint_that_carries_next_to_nothing_has_no_load_friction(tmp_path):
     problem = draft_problem(urdf, log, select=False, cutoff=10.0).problem()
     begun = beginning(problem, problem.logs("training"), (), 10.0)
     assert begun.evaluator.setting.loaded == ("shoulder",)
+
+
+def test_factors_do_not_depend_on_which_were_made_before(tmp_path):
+    problem = draft_problem(*write_arm(tmp_path), select=False, cutoff=10.0).problem()
+    begun = beginning(problem, problem.logs("training"), (), 10.0)
+    choice, used = begun.plain.choice, begun.evaluator
+    wide = tuple(
+        msgspec.structs.replace(drive, velocity_scale=0.2) for drive in choice.drive
+    )
+    one = choice
+    changes = [{"delay": 0.01}, {"least_speed": 0.5}, {"motion_cutoff": 5.0}]
+    for change in (*changes, {"drive": wide}):  # each leaves the others as they were
+        one = replace(one, **change)
+        fresh = Evaluator(used.setting).factors(one)
+        for own, other in zip(used.factors(one).joints, fresh.joints, strict=True):
+            np.testing.assert_array_equal(own.cells, other.cells)
+    assert fresh.counts.sum() < used.factors(choice).counts.sum()  # slow rows are out
 
 
 def test_friction_that_comes_late_is_no_delay_of_all_torque(tmp_path):
