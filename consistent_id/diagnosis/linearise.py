@@ -293,7 +293,7 @@ def _bandwidth(velocity: Array, rate: float) -> float:
         return rate
     shares = np.cumsum(moving, axis=0) / moving.sum(axis=0)
     places = np.argmax(shares >= _POWER, axis=0)
-    return float(np.fft.rfftfreq(len(velocity), 1.0 / rate)[max(places.max(), 1)])
+    return float(np.fft.rfftfreq(len(velocity), 1.0 / rate)[max(int(places.max()), 1)])
 
 
 def _smooth(values: Array, cutoff: float, rate: float) -> Array:

@@ -211,7 +211,7 @@ def folds_of(
     """
     if len(segments) < 2:
         raise ProblemError(f"{len(segments)} segments, expected two or more")
-    parts = np.array_split(np.arange(len(segments)), min(number, len(segments)))
+    parts = np.array_split(range(len(segments)), min(number, len(segments)))
     blocks = [tuple(segments[i] for i in part) for part in parts]
     rests = all_but_each([merged(block) for block in blocks], Regression.__add__)
     return tuple(map(LeftOutBlock, rests, blocks))

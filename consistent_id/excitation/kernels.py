@@ -212,8 +212,8 @@ class _Mapped:
         self._output = np.zeros((samples, function.numel_out(0)))
         self._buffer, self._run = mapped.buffer()
         for i, array in enumerate(self._inputs):
-            self._buffer.set_arg(i, memoryview(array))  # type: ignore[arg-type]
-        self._buffer.set_res(0, memoryview(self._output))  # type: ignore[arg-type]
+            self._buffer.set_arg(i, array.data)
+        self._buffer.set_res(0, self._output.data)
 
     def __call__(self, *values: Matrix) -> Matrix:
         for place, value in zip(self._inputs, values, strict=True):

@@ -135,7 +135,7 @@ class Regression:
             factors=tuple(triangle(np.vstack(factors)) for factors in of_joints),
             counts=tuple(counts.tolist()),
             noise=joined_noise(noises) if len(noises) == len(together) else None,
-            peaks=np.max([one.peaks for one in together], axis=0),
+            peaks=np.stack([one.peaks for one in together]).max(axis=0),
         )
 
     @property
@@ -362,7 +362,7 @@ def _compressed(model: TorqueModel, motions: Sequence[Motion]) -> Regression:
         factors=tuple(expanded),
         counts=tuple(counts.tolist()),
         fingerprint=model.fingerprint,
-        peaks=np.max([_peaks(motion) for motion in motions], axis=0),
+        peaks=np.stack([_peaks(motion) for motion in motions]).max(axis=0),
     )
 
 

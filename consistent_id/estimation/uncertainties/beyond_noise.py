@@ -100,7 +100,7 @@ def floating_blocks(
     count = min(BLOCKS, len(segments))
     parts = [
         merged([segments[i] for i in few])
-        for few in np.array_split(np.arange(len(segments)), count)
+        for few in np.array_split(range(len(segments)), count)
     ]
     level = joint_noise(model, merged(parts), base=base)
     weighted = [part.weighted(level) for part in parts]

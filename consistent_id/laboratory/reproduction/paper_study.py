@@ -347,8 +347,8 @@ def used_by(limits: MotionLimits, motions: Mapping[str, Recording]) -> MotionLim
     own = [motion.of(limits.joints) for motion in motions.values()]
     return replace(
         limits,
-        lower=np.min([m.position.min(axis=0) for m in own], axis=0),
-        upper=np.max([m.position.max(axis=0) for m in own], axis=0),
+        lower=np.stack([m.position.min(axis=0) for m in own]).min(axis=0),
+        upper=np.stack([m.position.max(axis=0) for m in own]).max(axis=0),
         velocity=np.max([abs(_known(m.velocity)).max(axis=0) for m in own], axis=0),
         acceleration=np.max(
             [abs(_known(m.acceleration)).max(axis=0) for m in own], axis=0

@@ -415,5 +415,5 @@ def bounds_of(found: Sequence[Peaks]) -> Bounds:
     most_time, least_time = np.split(
         np.array([one.at for one in found])[piece, each], 2
     )
-    highest, lowest = np.split(np.max([one.bound for one in found], axis=0), 2)
+    highest, lowest = np.split(np.stack([one.bound for one in found]).max(axis=0), 2)
     return Bounds(-lowest, highest, -least, most, least_time, most_time)

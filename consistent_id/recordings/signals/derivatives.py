@@ -138,8 +138,9 @@ def sliding_polynomials(
     places = np.arange(-half, half + 1) / half
     # Coefficients of the polynomial, and of its derivative, per sample in the window.
     fit = np.linalg.pinv(np.vander(places, degree + 1, increasing=True))
-    fit = np.polynomial.polynomial.polyder(fit, derivative, scl=1.0 / half)
-    weights = np.polynomial.polynomial.polyval(places, fit).T  # at each of the places
+    slopes = np.polynomial.polynomial.polyder(fit, derivative, scl=1.0 / half)
+    # At each of the places.
+    weights = np.polynomial.polynomial.polyval(places, slopes).T
     inner = len(values) - window + 1
     middle = sum(w * values[k : k + inner] for k, w in enumerate(weights[half]))
     ends = weights[:half] @ values[:window], weights[half + 1 :] @ values[-window:]

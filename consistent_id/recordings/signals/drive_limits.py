@@ -240,7 +240,7 @@ def _runs_into(tau: Vector, run: slice, flat: float) -> bool:
     length, level = run.stop - run.start, tau[run].max()
     sides = tau[max(run.start - length, 0) : run.start], tau[run.stop :][:length]
     away = [abs(level - float(np.median(side))) for side in sides if len(side)]
-    return bool(away) and max(away) > _SLOPE * flat
+    return any(rise > _SLOPE * flat for rise in away)
 
 
 def _stays(tau: Vector, peak: float, flat: float, least: int) -> int:

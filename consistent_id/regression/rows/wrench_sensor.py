@@ -139,6 +139,7 @@ def _compressed(
     """Compress rows, shape (6, samples, parameters + 1) each."""
     of_rows = zip(*(part.rows for part in parts), strict=True)
     factors = tuple(triangle(np.asfortranarray(np.vstack(rows))) for rows in of_rows)
+    peaks = np.stack([abs(part.rows[:, :, -1]).max(axis=1) for part in parts])
     count = sum(max(part.rows.shape[1] - part.lost, 1) for part in parts)
     counts = (count,) * len(factors)
     found = Regression(
@@ -147,7 +148,7 @@ def _compressed(
         factors=factors,
         counts=counts,
         fingerprint=model.fingerprint,
-        peaks=np.max([abs(part.rows[:, :, -1]).max(axis=1) for part in parts], axis=0),
+        peaks=peaks.max(axis=0),
     )
     if not noise:
         return found
