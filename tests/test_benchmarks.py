@@ -288,6 +288,7 @@ def rivals(monkeypatch):
     return importlib.import_module("table_rivals")
 
 
+@pytest.mark.slow
 def test_rivals_are_those_of_a_list_and_what_is_left_out_is_said(
     rivals, tmp_path, capsys
 ):

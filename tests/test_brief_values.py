@@ -193,6 +193,7 @@ def test_each_place_that_shows_values_looks_at_them():
 OF_FIELDS = [k for k in VALUES if k.__repr__.__qualname__.startswith("brief.")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(400, 300), (45, 1), (2, 20, 1)])
 def test_values_with_large_fields_show_themselves_in_thirty_lines(shape):
     """Whatever makes them: fields are large arrays, without the types' validation."""

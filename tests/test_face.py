@@ -106,6 +106,7 @@ def test_submodules_are_attributes_of_the_package():
     assert set(ROOMS) <= set(dir(consistent_id))
 
 
+@pytest.mark.slow
 def test_importing_a_module_does_not_change_what_a_public_name_means():
     code = (
         "import consistent_id.problems.study, consistent_id.report.results;"
@@ -124,6 +125,7 @@ def test_importing_the_package_imports_nothing_that_it_does_not_need():
     assert [m for m in loaded if m.startswith("consistent_id")] == ["consistent_id"]
 
 
+@pytest.mark.slow
 def test_a_side_building_has_public_names_of_its_own():
     names = "lint_robot, repair_urdf, nearest_inertia, LintFinding, Repair"
     code = (

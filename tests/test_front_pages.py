@@ -186,6 +186,7 @@ def test_every_picture_of_the_pages_is_in_the_gallery_or_on_a_page_that_it_names
     assert drawn >= {path.name for path in [*DOCS.glob("*.png"), *DOCS.glob("*.svg")]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", ["--accept", "--time-limit", "--executor", "--seed"])
 def test_options_that_commands_share_are_listed_with_these_commands(option):
     table = (DOCS / "shell.md").read_text().split("| option | of | does |")[1]

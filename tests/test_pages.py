@@ -90,6 +90,7 @@ with shown_on(options.write):
 """
 
 
+@pytest.mark.slow
 def test_a_command_that_prints_writes_between_its_own_marks(tmp_path):
     script, page = tmp_path / "printing.py", tmp_path / "page.md"
     script.write_text(PRINTING)

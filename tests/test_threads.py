@@ -17,6 +17,7 @@ assert {i["num_threads"] for i in held if i["user_api"] == "blas"} <= {1}
 """
 
 
+@pytest.mark.slow
 def test_scipys_own_blas_is_held_too_though_nothing_has_imported_it_yet():
     # The tests run with one BLAS thread themselves: conftest.py sets these.
     free = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
@@ -38,6 +39,7 @@ print(max(i["num_threads"] for i in every if i["user_api"] == "blas"))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one core has one thread")
 @pytest.mark.parametrize(
     ("stated", "threads"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "2"}, "2")]

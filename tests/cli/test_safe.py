@@ -201,6 +201,7 @@ def test_what_the_system_refuses_is_no_bug(capsys, monkeypatch, error, code):
     assert "bug" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_what_init_wrote_opens_again_and_may_be_written_again_until_it_is_edited(
     arm, tmp_path, capsys, monkeypatch
 ):

@@ -246,6 +246,7 @@ def test_the_package_runs_as_a_module_and_says_its_version():
     assert done.stdout.strip() == __version__
 
 
+@pytest.mark.slow
 def test_work_that_takes_too_long_is_given_up_with_3(arm, capsys, monkeypatch):
     def slow(*_, **__):
         time.sleep(5.0)
@@ -256,6 +257,7 @@ def test_work_that_takes_too_long_is_given_up_with_3(arm, capsys, monkeypatch):
     assert "not done within 0.2 s" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_time_limit_ends_with_the_work():
     with within(0.05):
         pass
@@ -341,6 +343,7 @@ def test_a_pipe_gets_a_line_for_each_stage_and_none_where_quiet_is_wanted(capsys
     assert "faults of the recordings" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_demo_copies_the_problems_once_and_keeps_what_was_edited(
     tmp_path, capsys, monkeypatch
 ):
@@ -361,6 +364,7 @@ def test_demo_copies_the_problems_once_and_keeps_what_was_edited(
     assert main(["demo", "--force"]) == 0 and "edited" not in copy.read_text()
 
 
+@pytest.mark.slow
 def test_help_says_what_a_reason_means(capsys):
     rules = Path(__file__).parents[2] / "consistent_id/estimation"
     files = [rules / "judgement.py", *sorted(rules.glob("*_reasons.py"))]
@@ -389,6 +393,7 @@ def test_help_explains_verdicts_notes_and_reasons_about_loads(capsys):
         assert said in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_help_explains_every_kind_of_finding(capsys):
     package = Path(__file__).parents[2] / "consistent_id"
     kinds = {"short", "small motion", "slow motion", "load"}
@@ -431,6 +436,7 @@ def test_help_prints_pages_and_the_help_of_commands(capsys):
     assert capsys.readouterr().out == (FOLDER.parent / "llms.txt").read_text()
 
 
+@pytest.mark.slow
 def test_help_lists_schemas_and_prints_each_with_all_that_it_refers_to(capsys):
     assert main(["help", "schemas"]) == 0
     listed = capsys.readouterr().out

@@ -60,6 +60,7 @@ def test_a_table_in_html_has_everything_and_escapes_it():
     assert "&lt;b&gt;" in table.html()
 
 
+@pytest.mark.slow
 def test_an_estimate_says_its_verdict_first(found):
     _, plain, bodily, _ = found
     assert repr(bodily).endswith(f"{bodily.verdict.word})")

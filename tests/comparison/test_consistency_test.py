@@ -48,6 +48,7 @@ def half_space(model, regression, errors):
     return {"constraints": [ParameterBounds({"joint1.viscous": (bound, np.inf)})]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("errors", [1.5, 0.5, 3.0])
 def test_of_a_half_space_the_p_value_is_half_that_of_chi_square(errors):
     model, _, regression = noisy_pendulum(1)
@@ -61,6 +62,7 @@ def test_of_a_half_space_the_p_value_is_half_that_of_chi_square(errors):
     assert test.p_value == pytest.approx(p, abs=4 * np.sqrt(p * (1 - p) / 400) + 0.005)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("inside", "counts"), [(1.9, True), (2.1, False)])
 def test_a_constraint_within_two_errors_counts_as_active(inside, counts):
     """Two half-spaces: mixture of chi^2 by the angle between them [Shapiro1988]_."""
@@ -172,6 +174,7 @@ def test_what_is_not_rare_is_known_from_a_few_draws_and_what_is_rare_from_all():
     assert (first.draws, first.p_value) == (second.draws, second.p_value) == (99, 0.01)
 
 
+@pytest.mark.slow
 def test_simulated_data_reach_what_their_own_distance_is_above():
     """Distances to a robot on the boundary, which rough fits find to some per cent."""
     model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)

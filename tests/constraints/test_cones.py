@@ -312,6 +312,7 @@ def test_rows_on_one_parameter_hold_to_the_last_digit():
     assert domain.snapped(np.array([0.3, 1.5])).tolist() == [0.3, 1.5]
 
 
+@pytest.mark.slow
 @settings(deadline=None)  # the first solve imports the solver
 @given(st.integers(0, 2**31), st.sampled_from([0.0, 1e-6, 0.1, 10.0]))
 def test_a_lower_bound_is_below_every_feasible_point_whatever_the_multipliers(

@@ -74,6 +74,7 @@ def test_a_point_mass_is_in_the_ellipsoid_iff_its_row_says_so(place, mass):
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(first=places, second=places)
 def test_the_centre_of_mass_is_in_the_shape_iff_the_constraint_holds(first, second):

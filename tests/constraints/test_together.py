@@ -42,6 +42,7 @@ def programmes(seed, orders, count, *, equalities=0, flat=0, alike=True):
     return P, q, rows
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**31),
@@ -74,6 +75,7 @@ def test_points_and_multipliers_satisfy_the_conditions_of_an_optimum(
         assert abs(free).max() < 1e-6 * size
 
 
+@pytest.mark.slow
 def test_nearly_all_end_in_a_score_of_steps(monkeypatch):
     monkeypatch.setattr(together, "_ITERATIONS", 20)
     ended = []
@@ -99,6 +101,7 @@ def test_a_flat_objective_has_the_least_value(flat):
     np.testing.assert_allclose(*costs, rtol=0, atol=3e-7)
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_how_many_are_handed_over_at_once():
     P, q, rows = programmes(4, (4, 3), 150)
     found = solve_together(P, q, rows, tolerance=TOLERANCE)
@@ -129,6 +132,7 @@ def test_what_has_no_optimum_does_not_end(count):
         assert not found.ended.any()
 
 
+@pytest.mark.slow
 def test_a_programme_without_an_optimum_does_not_disturb_others():
     lost = 0
     for seed in (8, 9, 10):

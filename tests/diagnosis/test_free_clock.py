@@ -46,6 +46,7 @@ def _foreign():
     return replace(model, robot=replace(model.robot, links=links))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.2, 0.7, 1.3, 2.0, 5.0])
 def test_the_clock_is_known_though_nominal_bodies_are_wrong(factor):
     _, log = logged(1)
@@ -69,6 +70,7 @@ def test_a_wrong_width_of_friction_is_no_clock(velocity_scale):
     assert estimated(FactorLogs.of(model, [log])) is None
 
 
+@pytest.mark.slow
 def test_accelerations_that_are_noise_are_no_slow_clock(monkeypatch):
     """Any clock explains the log better by which there is less inertial torque."""
     _, log = logged(1)
@@ -83,6 +85,7 @@ def test_accelerations_that_are_noise_are_no_slow_clock(monkeypatch):
     assert found.explained > SURE**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.05, 0.1, 20.0, 30.0])
 def test_a_clock_beyond_all_that_are_tried_is_not_given_another_speed(factor):
     _, log = logged(1)
@@ -107,6 +110,7 @@ def test_a_clock_that_is_a_warning_takes_no_others_place(severity, kinds, monkey
     assert [f.kind for f in after] == kinds
 
 
+@pytest.mark.slow
 def test_a_clock_that_is_far_from_sure_is_not_looked_for_exactly(monkeypatch):
     _, log = logged(1)
     as_is = FactorLogs.of(_foreign(), [_clocked(log, 1.3)])
@@ -128,6 +132,7 @@ def test_a_clock_that_is_far_from_sure_is_not_looked_for_exactly(monkeypatch):
         assert (again is None) == (looks < 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("explained", "harm", "severity"),
     [(0.9, 0.5, None), (1.1, 0.05, "warning"), (1.1, 0.15, "fault")],
@@ -182,6 +187,7 @@ def _slow(seed, factor):
     return replace(log, time=factor * log.time, velocity=log.velocity / factor)
 
 
+@pytest.mark.slow
 def test_a_clock_that_explains_more_than_zeros_and_gains_is_named_instead():
     fitted = _fitted(_slow(1, 1.1))
     clock = SureClock([fitted])
@@ -211,6 +217,7 @@ def test_no_clock_is_found_in_a_right_log_nor_in_one_of_a_single_torque():
     assert SureClock([one]).misfit == np.inf
 
 
+@pytest.mark.slow
 def test_the_clock_and_the_shifts_of_logs_are_searched_once(monkeypatch):
     searched = []
     for module, name in ((free_clock, "free_clock"), (joint_shifts, "moved_channels")):

@@ -85,6 +85,7 @@ def test_a_floor_that_is_not_level_and_what_is_no_gravity_are_left(degrees, gain
     assert (turned is None) == (gain > 0.0)
 
 
+@pytest.mark.slow
 def test_a_nominal_robot_that_explains_as_little_when_it_leans_does_not_lean():
     log, model = _log(_arm(np.radians(30.0))), _arm()
     (finding,) = leaning_findings(model, log, torque_parts(model, log))

@@ -112,6 +112,7 @@ def test_a_spring_of_the_model_is_no_slope_of_gravity():
     assert abs(torque_parts(model, log).gravity[1] - 1.0) > 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "kind", "words"),
     [

@@ -162,6 +162,7 @@ def test_one_odd_second_makes_a_factor_doubtful():
     assert abs(zero.size) < zero.error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("degrees", "severity"), [(0.0, None), (3.0, "warning"), (5.0, "fault")]
 )

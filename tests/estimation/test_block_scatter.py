@@ -52,6 +52,7 @@ def found(scatter, seed=3, count=BLOCKS):
     return model, bodies, blocks, shifts[:, 10:]
 
 
+@pytest.mark.slow
 def test_scatter_that_is_there_is_found():
     model, bodies, blocks, shifts = found(0.05)
     known = block_scatter(model, blocks, constraints=[bodies])
@@ -64,6 +65,7 @@ def test_scatter_that_is_there_is_found():
     assert (errors < 3.0 * known.standard_errors).all()
 
 
+@pytest.mark.slow
 def test_of_noise_alone_little_scatter_is_left():
     model, bodies, blocks, _ = found(0.0)
     known = block_scatter(model, blocks, constraints=[bodies])

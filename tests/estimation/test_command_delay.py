@@ -37,6 +37,7 @@ def told_early(model, x, delay, noise=0.0):
     return Recording(model.robot.joint_names, TIME, q, dq, ddq, position_command=told)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", some_fast([0.0032, 0.0121, 0.0]))
 def test_the_delay_is_found_again(delay):
     rng = np.random.default_rng(5)

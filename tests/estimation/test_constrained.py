@@ -64,6 +64,7 @@ def test_every_link_is_a_body_and_every_mass_is_the_datasheets(seed):
     assert (estimate.parameters[40:] > -1e-7).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed",
     some_fast(range(30), 3),

@@ -23,6 +23,7 @@ def known(robot):
     return model, [ci.constraints.FixedParameters(values)]
 
 
+@pytest.mark.slow
 def test_an_offset_is_found_to_half_a_percent_of_it_without_noise(robot, known):
     model, constraints = known
     log = ci.estimation.with_radii(standing(robot, PATTERNS, radius=0.02), 3e-4)
@@ -49,6 +50,7 @@ def test_its_standard_error_is_that_of_many_logs(robot, known):
     assert 2 / 3 < ratio < 3 / 2  # of twelve logs it is known to a fifth
 
 
+@pytest.mark.slow
 def test_what_a_log_does_not_tell_stays_as_it_was_said(robot, known):
     """Of noise that hides all forces the offset is none, a tenth of the radius off."""
     model, constraints = known

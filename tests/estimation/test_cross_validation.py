@@ -93,6 +93,7 @@ def test_the_error_of_a_fold_is_that_of_predicting_its_samples():
         assert errors[1] == pytest.approx(np.sqrt(np.mean(rest**2)), rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("right", "samples"), [(True, 60), (False, 240), (True, 24)])
 @pytest.mark.parametrize("joints", some_fast([1, 2]))
 def test_the_path_finds_the_best_of_all_weights_without_trying_them_all(
@@ -110,6 +111,7 @@ def test_the_path_finds_the_best_of_all_weights_without_trying_them_all(
     assert path.misfits == pytest.approx(whole.misfits[places], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_the_path_is_the_estimates_with_all_data():
     model, segments, log = simulated(4, right=False, samples=240, noise=0.3)
     path = cross_validated(model, segments, constraints=BODIES, weights=WEIGHTS)
@@ -130,6 +132,7 @@ def test_the_path_is_the_estimates_with_all_data():
     assert path.best == np.argmin(path.error)
 
 
+@pytest.mark.slow
 def test_folds_solved_together_have_the_errors_of_folds_solved_alone(monkeypatch):
     model, segments, _ = simulated(5, right=False, samples=120, noise=0.3)
     options = {"constraints": BODIES, "weights": [1e-3, 0.1, 10.0]}

@@ -96,6 +96,7 @@ def test_the_chosen_cutoff_predicts_nearly_as_well_as_the_best_there_is(arm):
     assert chosen[0] > chosen[1]  # more noise, lower cut-off
 
 
+@pytest.mark.slow
 def test_smoother_torque_to_learn_from_is_not_rewarded(arm):
     _, log = experiment(arm, 0, 1e-4)
     pairs = [(8.0, f) for f in (2.0, 8.0, 40.0)]
@@ -141,6 +142,7 @@ def table(**keys):
     return msgspec.convert(keys, PreparationTable)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "keys",
     [

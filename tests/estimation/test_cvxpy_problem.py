@@ -39,6 +39,7 @@ def problem(seed, prior=None, noise=0.5):
     return to_cvxpy(model, regression, constraints=CONSTRAINTS, prior=prior), truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("prior", PRIORS)
 @pytest.mark.parametrize("seed", some_fast(range(3)))
 def test_the_problem_as_it_stands_is_that_of_the_constrained_estimate(seed, prior):
@@ -94,6 +95,7 @@ def test_residuals_and_links_are_what_they_are_called():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast(range(3)))
 def test_own_terms_and_constraints_are_solved_and_proven(seed):
     form, truth = problem(seed)

@@ -147,6 +147,7 @@ def test_a_drive_does_not_feel_its_encoder_s_bias():
     assert turned.position == pytest.approx(plain.position - 0.1, abs=1e-15)
 
 
+@pytest.mark.slow
 def test_bodies_that_are_not_known_leave_the_bias_of_the_last_encoder_open():
     model, x, _ = robot_of(5, 2)
     none = DriveCalibration(0.0, [1.0, 1.0], [0.0, 0.0])
@@ -159,6 +160,7 @@ def test_bodies_that_are_not_known_leave_the_bias_of_the_last_encoder_open():
     assert fit.standard_errors[4] == pytest.approx(0.05, rel=1e-3)  # of the prior
 
 
+@pytest.mark.slow
 def test_a_large_bias_is_found_as_exactly_as_a_small_one():
     model, x, bodies = robot_of(5, 1)
     none = DriveCalibration(0.0, [1.0], [0.0])
@@ -240,6 +242,7 @@ class Shifted:
         return np.linalg.lstsq(A, b, rcond=None)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shown", [2**14, 150])
 @pytest.mark.parametrize(
     ("found", "delay"),
@@ -300,6 +303,7 @@ def test_a_calibration_is_the_optimum_of_misfit_and_prior_with_its_errors(
     np.testing.assert_allclose(errors[wanted], expected, rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shown", [2**14, 150])
 @pytest.mark.parametrize("delay", [0.013, 0.0, -0.01, 0.04])
 def test_a_delay_is_that_of_least_squares_beside_friction(monkeypatch, delay, shown):

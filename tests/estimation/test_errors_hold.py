@@ -112,6 +112,7 @@ PRINTED = {
 """Files that print a figure with its error, and where it is measured or discussed."""
 
 
+@pytest.mark.slow
 def test_every_figure_with_an_error_is_measured_or_its_limits_are_said():
     package = BENCHMARKS.parent / "consistent_id"
     # With a value and its error around it, or as the header of a column.

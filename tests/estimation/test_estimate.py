@@ -45,6 +45,7 @@ def estimated_with(**options):
     return constrained_least_squares(model, regression, **options), log
 
 
+@pytest.mark.slow
 def test_an_estimate_knows_the_conditions_that_its_uncertainty_needs():
     conditions = [PhysicalConsistency(), FixedMasses()]
     estimate, log = estimated_with(constraints=conditions, prior=Penalty(0.1))
@@ -70,6 +71,7 @@ def test_an_estimate_without_a_search_took_no_time_and_has_no_notes():
     assert estimate.seconds > 0.0
 
 
+@pytest.mark.slow
 def test_a_weighted_estimate_keeps_its_weights_in_its_uncertainty():
     model, _, log = experiment(1, joints=2, noise=(0.1, 1.0), samples=900)
     regression = build_regression(model, log)
@@ -142,6 +144,7 @@ def test_a_plot_shows_measured_and_predicted_torque_of_each_joint(pyplot):
     assert len(pyplot.get_fignums()) == 1
 
 
+@pytest.mark.slow
 def test_a_second_estimate_is_drawn_into_the_axes_of_the_first(pyplot):
     estimate, log = estimated()
     plain = least_squares(estimate.model, build_regression(estimate.model, log))
@@ -267,6 +270,7 @@ def test_a_file_holds_all_of_a_reason():
     assert ReasonRecord.__struct_fields__ == tuple(f.name for f in fields(Reason))
 
 
+@pytest.mark.slow
 def test_an_estimate_took_no_longer_than_it_took():
     model, _, log = experiment(2, joints=2, noise=0.3, samples=300)
     regression = build_regression(model, log)

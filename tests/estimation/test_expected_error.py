@@ -105,6 +105,7 @@ def forecast():
     return model, truth, log, found
 
 
+@pytest.mark.slow
 def test_a_motion_like_the_training_motion_has_the_range_of_any(forecast):
     model, _, log, found = forecast
     there = found.on(build_regression(model, log))

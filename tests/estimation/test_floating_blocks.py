@@ -56,6 +56,7 @@ def test_a_drift_from_block_to_block_is_in_the_standard_error():
     assert high == pytest.approx(bias.value + half, abs=0.1 * half)
 
 
+@pytest.mark.slow
 def test_without_drift_blocks_add_next_to_nothing():
     bias = sure(np.zeros(BLOCKS))["base.fx.bias"]
     assert bias.standard_error == pytest.approx(NOISE / np.sqrt(SAMPLES), rel=0.5)

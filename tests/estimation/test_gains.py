@@ -48,6 +48,7 @@ def test_gains_are_recovered_within_their_errors_where_least_squares_is_biased()
     assert np.mean(bias) < -0.03
 
 
+@pytest.mark.slow
 def test_the_whole_load_known_tells_more_than_its_mass():
     every = {f"load.{n}": v for n, v in zip(AXES, LOAD.vector[1:4], strict=True)}
     more = _found(0.05, known=KNOWN | every)
@@ -107,6 +108,7 @@ def test_gains_refuse_what_does_not_fit():
         identify_gains(model, *dead, known=KNOWN)
 
 
+@pytest.mark.slow
 def test_exchanged_runs_settle_on_nothing():
     model, unloaded, loaded = runs(0.05, gains=GAINS)
     with pytest.raises(SolverError, match="exchanged"):

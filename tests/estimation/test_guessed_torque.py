@@ -64,6 +64,7 @@ def test_errors_of_nominal_bodies_do_not_excuse_a_penalty(prior):
     assert known.all() if prior == PointToSet() else not known.any()
 
 
+@pytest.mark.slow
 def test_a_trunk_that_no_joint_torque_shows_is_guessed(quadruped):
     whole, log = quadruped
     legs = TorqueModel(whole.robot, torque_joints=whole.robot.joint_names)

@@ -62,6 +62,7 @@ def test_the_noise_of_two_joints_together_has_the_freedom_of_satterthwaite():
     assert noise.with_freedom(7.0).freedoms_along(g) == pytest.approx(7.0)
 
 
+@pytest.mark.slow
 def test_half_intervals_are_in_files_frames_and_uncertainty(tmp_path):
     model, _, regression, bound = fitted([5.0, 8.0])
     path = bound.save(tmp_path / "estimate.json")

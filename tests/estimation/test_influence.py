@@ -111,6 +111,7 @@ def test_a_few_right_rows_change_less_than_an_error_and_wrong_ones_more():
     assert found.largest > 3.0
 
 
+@pytest.mark.slow
 def test_what_only_the_part_determines_is_not_small():
     # Others determine the bodies; the joint's own friction is lost with its torque.
     model, log = logged(1)
@@ -155,6 +156,7 @@ def test_a_wrong_gain_of_one_joint_is_not_confirmed(joint, gain):
     assert "nominal model" in [r.kind for r in verdict_on(estimate, log).grounds]
 
 
+@pytest.mark.slow
 def test_a_wrong_gain_beside_a_load_is_still_doubted():
     model, log = logged(5, load=LOAD)
     log = replace(log, torque=log.torque * [1.0, 1.0, 1.35, 1.0])
@@ -180,6 +182,7 @@ def test_slopes_that_bodies_hardly_explain_confirm_nothing():
         assert confirmed_joints(replace(crossed, errors=np.full(3, error))) == ()
 
 
+@pytest.mark.slow
 def test_what_is_lost_counts_by_its_torque_on_random_motions():
     """Parts that data determine are orthogonal, each parameter times its torque."""
     model, log = logged(1)

@@ -153,6 +153,7 @@ def test_in_a_closed_loop_it_does_not_depend_on_the_cutoff(cutoff):
     assert (_error(wls) > 0.02) == (cutoff > 50.0)
 
 
+@pytest.mark.slow
 def test_the_test_tells_a_cutoff_that_hurts_from_one_that_does_not():
     told = WANTED.samples(INNER)
     assert endogeneity_test(TRUE.model, _log(100.0), told, base=BASE).p_value < 1e-6

@@ -120,6 +120,7 @@ def test_findings_decide_and_can_be_accepted():
     assert any("accepted by the user" in line for line in accepted.lines)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "size", "misfit", "excess", "word"),
     [
@@ -305,6 +306,7 @@ def said(verdict, kind):
     return [r for r in verdict.reasons if r.kind == kind]
 
 
+@pytest.mark.slow
 def test_correlated_residuals_are_worth_knowing_and_change_no_verdict():
     white, coloured = noisy(4000, 0.0), noisy(4000, 0.9)
     assert not said(white.verdict, "correlated residuals")

@@ -153,6 +153,7 @@ def test_standard_errors_are_the_scatter_over_repeated_experiments(sigma):
     assert np.allclose(stated, scatter, rtol=0.2)
 
 
+@pytest.mark.slow
 def test_weights_follow_each_joints_noise_and_reduce_the_scatter():
     model, truth, log = _experiment(6, joints=2, samples=400)
     base = base_parameters(model)
@@ -230,6 +231,7 @@ def test_hubers_estimate_zeroes_the_gradient_of_hubers_loss():
     assert abs(gradient).max() <= 1e-6 * size.max()
 
 
+@pytest.mark.slow
 def test_a_reweighting_that_has_not_settled_is_not_certified():
     model, _, log = _experiment(2, joints=2, noise=0.3, samples=300)
     loud = log.torque.copy()

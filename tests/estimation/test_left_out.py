@@ -52,6 +52,7 @@ def test_the_pooled_error_is_that_of_all_rows_over_all_torque():
     assert found.pooled == pytest.approx([np.sqrt(squares.sum() / torque.sum())])
 
 
+@pytest.mark.slow
 def test_each_segment_is_predicted_by_the_fit_without_its_block(logged):
     model, segments, base = logged
     folds = folds_of(segments)

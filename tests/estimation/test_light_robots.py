@@ -202,6 +202,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_only_what_has_a_unit_of_mass_is_smaller(name):
     # Up to a thousandth or two, to which programmes of cones are solved.  With NumPy

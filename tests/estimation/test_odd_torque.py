@@ -63,6 +63,7 @@ def fitted(odd_torque, seed):
     return constrained_fit(problem, None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed",
     some_fast(FAR) + some_fast(THIN) + some_fast(JUMPS) + some_fast(FLAT),
@@ -79,6 +80,7 @@ def test_an_optimum_that_another_solver_finds_is_certified(odd_torque, seed):
         assert found.best.optimality.radius >= least
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast([297, 55, 905]))
 def test_its_figures_are_those_of_the_point_that_is_delivered(odd_torque, seed):
     found = fitted(odd_torque, seed)

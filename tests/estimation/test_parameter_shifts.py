@@ -78,6 +78,7 @@ def test_variants_are_weighted_as_the_whole(arm, log):
     assert found.variance[columns] == pytest.approx(moved**2, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_shifts_are_in_standard_errors_and_in_intervals(arm, log):
     segments, constraints = segment_regressions(arm, log), fixed(arm)
     variant = ci.build_regression(arm, louder(log, 0.05))

@@ -87,6 +87,7 @@ def test_the_three_answers_enclose_the_value_and_agree_in_size():
     assert len(found.bootstrap.estimates) == 40
 
 
+@pytest.mark.slow
 def test_of_an_arm_that_lies_flat_data_fix_sums():
     # The first link's inertia about its axis adds to half a metre squared times the
     # second's mass, and nothing tells them apart.
@@ -109,6 +110,7 @@ def test_the_datasheets_mass_takes_such_a_sum_apart():
     assert by_name["link1.Izz"].value == pytest.approx(arm()[1][9], abs=0.1)
 
 
+@pytest.mark.slow
 def test_bounds_that_leave_no_room_pin_what_the_data_do_not_see():
     model, truth, log = pendulum()
     bounds = ParameterBounds({"link1.Ixx": (0.01, 0.0101)})
@@ -116,6 +118,7 @@ def test_bounds_that_leave_no_room_pin_what_the_data_do_not_see():
     assert by_name["link1.Ixx"].verdict == "constraint"
 
 
+@pytest.mark.slow
 def test_data_drowned_in_noise_determine_nothing():
     model, truth, log = pendulum()
     by_name, _ = answers(model, truth, log, noise=100.0)
@@ -123,6 +126,7 @@ def test_data_drowned_in_noise_determine_nothing():
     assert np.isnan(by_name["link1.Izz"].standard_error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.05, 3.0])
 def test_scatter_between_recordings_is_stated_where_data_or_constraints_have_a_say(
     noise,

@@ -125,6 +125,7 @@ def test_loaded_gears_feel_nothing_of_a_load_of_which_nothing_is_known():
     assert np.allclose(loaded, bare, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_load_is_recovered_without_noise():
     started = perf_counter()
     found = identify_payload(*_loaded_first(runs(0.0)))
@@ -172,6 +173,7 @@ def test_a_load_is_recovered_within_its_errors():
     assert 0.5 < np.mean(np.square(misses)) < 1.8
 
 
+@pytest.mark.slow
 def test_a_known_mass_is_kept_and_sharpens_the_rest():
     model, loaded, unloaded = _loaded_first(runs(0.05))
     sheet = Datasheet(mass=3.0, com_box=[[-0.2] * 3, [0.2] * 3])
@@ -201,6 +203,7 @@ def test_exchanged_runs_are_noticed_by_the_loads_weight():
         identify_payload(model, unloaded, loaded)
 
 
+@pytest.mark.slow
 def test_constraints_on_the_robot_leave_the_load_alone_and_the_reverse():
     model, loaded, unloaded = _loaded_first(runs(0.02))
     found = identify_payload(

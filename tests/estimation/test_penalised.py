@@ -96,6 +96,7 @@ def entropic_optimum_by_bfgs(model, regression, weight):
     return body_from_log_cholesky(found.x.reshape(-1, 10)).ravel(), found.fun
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weight", [1e-2, 1.0, 100.0])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_entropic_optimum_is_that_of_a_smooth_search_over_bodies(seed, weight):
@@ -254,6 +255,7 @@ def test_a_fit_that_is_not_certified_together_is_solved_again_alone(monkeypatch)
     assert same == [True, *([False] * (len(fits) - 1))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pullback", "entropic"])
 def test_fits_that_cannot_be_solved_together_are_solved_alone_or_are_none(
     monkeypatch, kind
@@ -390,6 +392,7 @@ def test_multipliers_too_coarse_for_a_proof_are_asked_for_again():
     assert again.u == pytest.approx(solution.u, abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("joints", "seed", "weight"), [(7, 0, 1.0), (7, 2, 1e-6), (9, 1, 1e-2)]
 )

@@ -117,6 +117,7 @@ def test_standard_errors_with_it_cover_what_those_of_noise_do_not(
     assert np.mean(without) < 0.4
 
 
+@pytest.mark.slow
 def test_recordings_that_are_alike_cost_little():
     rng = np.random.default_rng(1)
     grown = []

@@ -71,6 +71,7 @@ def test_the_lowest_speed_whose_squared_error_is_near_the_least_is_chosen(monkey
     assert len(found.tried) > 1 and found.reach == 0.01
 
 
+@pytest.mark.slow
 def test_rests_that_pull_at_the_parameters_are_left_out():
     model, truth, log = pendulum(sticks=True)
     found = ci.estimation.rest_speed(model, log)
@@ -133,6 +134,7 @@ def test_some_torque_of_each_joint_is_left(tmp_path):
         assert ci.signals.without_rests(log, speed).torque_known.any(axis=0).all()
 
 
+@pytest.mark.slow
 def test_a_reach_that_leaves_too_few_rows_is_shortened():
     """Every 0.5 s a joint turns back: guards of 0.3 s to either side are all of it."""
     model, _, log = pendulum(sticks=False)

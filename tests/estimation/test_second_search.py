@@ -75,6 +75,7 @@ def test_without_noise_the_true_robot_is_recovered_where_the_data_speak(seed):
     assert np.allclose(estimate.base_values, expected, atol=1e-4 * abs(expected).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joints", some_fast(range(2, 8), 3))
 def test_it_agrees_with_the_cone_programme(joints):
     model, regression = noisy(joints, joints)
@@ -124,6 +125,7 @@ def test_the_misfit_converges_though_the_best_body_is_flat(margin):
     assert np.allclose(check.smooth.links[0][1:4], [0.6, 0, 0], atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "knowledge",
     [

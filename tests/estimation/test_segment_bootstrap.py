@@ -58,6 +58,7 @@ def test_an_expanded_tail_of_the_bootstrapped_mean_is_students(count):
     assert norm.isf(tail, sample.mean(), scatter) == pytest.approx(high)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_result():
     model, segments, _ = simulated()
     first = bootstrap(model, segments, replicates=20, seed=3)
@@ -132,6 +133,7 @@ def test_segments_that_are_all_alike_give_no_scatter():
     assert alike.standard_deviation == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", ["pullback", "entropic"])
 def test_every_replicate_satisfies_the_constraints(distance):
     model, segments, _ = simulated(1, noise=0.5)

@@ -166,6 +166,7 @@ def test_what_is_fixed_does_not_move():
     assert C[[0, 10], [0, 10]] == pytest.approx(0.0, abs=1e-20)
 
 
+@pytest.mark.slow
 def test_scores_of_segments_scatter_like_white_noise_if_that_is_what_it_is():
     p = prepared(7, 0.1, Penalty(0.1), joints=2, samples=2000)
     segments = segment_regressions(p.model, p.log, count=100)

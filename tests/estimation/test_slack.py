@@ -62,6 +62,7 @@ def test_where_noise_hides_the_robot_a_large_slack_is_chosen_and_is_nearer(logge
     assert errors[1] < errors[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("prior", [PointToSet(0.004), Penalty(0.1)])
 def test_a_stated_prior_is_the_only_one_tried(logged, prior):
     model, _, segments, base = logged

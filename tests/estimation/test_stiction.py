@@ -79,6 +79,7 @@ def test_in_motion_errors_are_errors_and_at_rest_less_what_friction_holds(arm, l
     np.testing.assert_allclose(left[100:], [[0.7, 0.0]] * (len(left) - 100))
 
 
+@pytest.mark.slow
 def test_the_error_on_a_filtered_recording_of_one_row_is_a_number(arm, log):
     """So short a recording comes of a log whose clock counts another unit."""
     whole = replace(log, torque_filter=None)

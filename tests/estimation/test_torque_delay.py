@@ -95,6 +95,7 @@ def smooth_log(robot, *, late=LATE, noise=0.0, seed=0):
     )
 
 
+@pytest.mark.slow
 def test_early_torque_is_found_and_taken_back(log, known):
     model, constraints = known
     found = ci.estimation.estimate_radius_and_delay(model, log, constraints=constraints)
@@ -105,6 +106,7 @@ def test_early_torque_is_found_and_taken_back(log, known):
     np.testing.assert_allclose(np.diag(found.covariance), np.square(errors), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_wrong_radius_and_early_torque_are_told_apart(log, known):
     model, constraints = known
     thick = ci.estimation.with_radii(log, 4e-4)
@@ -134,6 +136,7 @@ def test_early_torque_spoils_the_trunk_and_its_correction_mends_it(log, known):
     assert off(log.samples(inner)) > 20 * off(found.applied(log).samples(inner))
 
 
+@pytest.mark.slow
 def test_torque_on_time_is_not_significantly_late(robot, known):
     model, constraints = known
     log = smooth_log(robot, late=0.0, noise=0.3, seed=1)

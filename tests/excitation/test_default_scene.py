@@ -184,6 +184,7 @@ def test_a_plan_does_not_say_that_anything_is_proven(tmp_path, capsys):
     assert not re.search(r"(?<!to be )proven", told)
 
 
+@pytest.mark.slow
 def test_a_stated_clearance_that_no_pose_keeps_is_refused_and_the_default_relaxed(
     tmp_path, capsys
 ):

@@ -46,6 +46,7 @@ def test_random_starts_use_the_same_share_of_every_joints_limits(seed):
     assert not np.array_equal(problem.random(seed), other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", some_fast(OBJECTIVES, 2))
 def test_a_search_improves_on_its_start_and_keeps_the_limits(objective):
     form = PathForm(5.0, 3)

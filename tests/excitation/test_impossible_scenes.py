@@ -117,6 +117,7 @@ def test_bodies_alone_are_not_searched_for_where_clear_poses_are_known(
         assert worst_excess(poses, required.guards).max() <= 0.0
 
 
+@pytest.mark.slow
 def test_a_scene_is_refused_before_its_torque_is_searched(monkeypatch):
     required, moved = _demands(*_ring(0.0)), []
 

@@ -181,6 +181,7 @@ def search_of(time_limit, seconds):
     return search, forms
 
 
+@pytest.mark.slow
 def test_forms_are_tried_only_if_a_trial_has_a_step():
     search, forms = search_of(10.0, 0.05)
     assert forms[0].costs.step > 1.0

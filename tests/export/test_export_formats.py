@@ -209,6 +209,7 @@ def driven():
     return estimate, log
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", [known.name for known in EXPORT_FORMATS])
 def test_a_file_is_as_wrong_as_the_terms_that_it_lacks(driven, form):
     if form in ("mjcf", "mjlab"):
@@ -239,6 +240,7 @@ def test_a_file_with_another_mass_is_read_back_as_it_is(driven, monkeypatch):
     assert cost_of(estimate, "urdf", log).error > max(whole, 0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["numpy", "casadi", "c"])
 def test_source_and_functions_are_run_as_they_are(driven, form, monkeypatch):
     """Their error is that of their torque along filtered rows that partly count."""
@@ -274,6 +276,7 @@ def test_without_a_compiler_the_error_of_c_is_not_known(
         cost_of(driven[0], "c", driven[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["cc -O1", "g++"])
 def test_a_compiler_may_have_options_or_be_that_of_another_language(
     driven, monkeypatch, compiler
@@ -284,6 +287,7 @@ def test_a_compiler_may_have_options_or_be_that_of_another_language(
     assert cost_of(driven[0], "c", driven[1]).error < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["mjcf", "mjlab"])
 def test_tendons_of_a_file_count_with_what_they_carry(driven, form, monkeypatch):
     pytest.importorskip("mujoco")

@@ -94,6 +94,7 @@ def test_the_numpy_module_imports_numpy_alone(tmp_path):
     assert run.returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast(SEEDS, 2))
 def test_casadi_functions_agree(seed):
     estimate = _estimate(seed)

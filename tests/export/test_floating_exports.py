@@ -57,6 +57,7 @@ def assert_same_bodies(robot, estimate):
     assert np.allclose(robot.nominal, inertial, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("in_place", [True, False])
 def test_mjcf_has_the_bases_body(estimate, source, tmp_path, in_place):
     path = tmp_path / "found.xml"

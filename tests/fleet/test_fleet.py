@@ -329,6 +329,7 @@ def test_robots_of_two_types_are_refused(folders, tmp_path, capsys):
     assert "no such file" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_shell_compresses_recordings(folders, tmp_path, capsys):
     file = tmp_path / "regression.json"
     problem = folders / "robot0"

@@ -110,6 +110,7 @@ def test_clocks_that_go_back_far_are_refused(arm):
         ci.fleet.stream_regression(problem(folder, "twice"))
 
 
+@pytest.mark.slow
 def test_stamps_that_begin_late_are_refused(arm):
     folder, log = arm
     some = messages(log, "unstamped")[:400] + messages(log, "together")[400:]

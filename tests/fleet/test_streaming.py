@@ -206,6 +206,7 @@ def test_rows_are_read_from_anywhere(log, form):
         np.testing.assert_array_equal(found.torque, recording.torque[own])
 
 
+@pytest.mark.slow
 def test_rows_of_a_text_that_is_not_tidy_are_counted(tmp_path, monkeypatch):
     monkeypatch.setattr("consistent_id.recordings.readers.table_text.PIECE", 64)
     lines = [f"{k},{k},{2 * k}" for k in range(40)]

@@ -153,6 +153,7 @@ def test_encoders_read_whole_steps_nearest_to_the_truth():
     assert (log.encoders.position == log.truth.position).all()
 
 
+@pytest.mark.slow
 def test_the_load_cell_adds_its_offset_and_white_noise():
     log = _log()
     error = log.encoders.torque - log.truth.torque

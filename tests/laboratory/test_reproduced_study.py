@@ -117,6 +117,7 @@ def test_the_account_leaves_no_more_than_noise():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ellipse", "ellipsoid"])
 def test_tasks_elsewhere_are_of_another_size_in_all_directions(name):
     table = PROBLEM.table.tasks[name]
@@ -172,6 +173,7 @@ def test_the_slowness_needed_is_read_off_between_tempos():
     assert tempo.needed(0, 17.0) == float("inf")
 
 
+@pytest.mark.slow
 def test_limits_used_by_motions_hold_them_and_touch_them():
     limits = design_request(PROBLEM).limits
     motion = _circle()

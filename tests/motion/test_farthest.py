@@ -38,6 +38,7 @@ def test_the_farthest_pose_of_two_links_is_the_stretched_arm():
     assert found.pose[1:] == pytest.approx([0.0, 0.0], abs=1e-2)
 
 
+@pytest.mark.slow
 def test_a_stated_distance_that_no_pose_keeps_is_refused_with_the_largest_one():
     bodies = [_ball("link1"), _ball("link3")]
     with pytest.raises(ProblemError) as caught:
@@ -55,6 +56,7 @@ def test_a_stated_distance_that_no_pose_keeps_is_refused_with_the_largest_one():
     assert pair.wanted == most == pytest.approx(0.975, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_pair_that_lacks_most_is_named_and_others_are_counted():
     near = _ball("link3", far=-0.3, name="near")
     bodies = [_ball("link1"), _ball("link3"), near]

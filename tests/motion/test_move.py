@@ -134,6 +134,7 @@ def _pieces():
     return move_along(path, limits_of(path))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -182,6 +183,7 @@ def test_a_trajectory_beyond_the_limits_is_refused():
         move_along(path, limits_of(path, share=0.9 * state.max()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast([1, 8, 12]))
 def test_a_jerk_that_nobody_limits_is_in_nobodys_way(seed):
     # Limits just above the path's own peaks, none of jerk: within the path's own bound

@@ -143,6 +143,7 @@ def test_a_linkage_that_overlaps_at_every_opening_is_not_checked_as_a_whole():
     assert len(strict.pairs) == 2 and not strict.unchecked
 
 
+@pytest.mark.slow
 def test_nothing_of_a_scene_is_kept_when_it_is_gone():
     corners = np.random.default_rng(0).normal(size=(20, 3))
     hull = Body("hull", Hull(corners), "link4")

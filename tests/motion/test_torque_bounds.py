@@ -128,6 +128,7 @@ FRICTION = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FRICTION)
 @pytest.mark.parametrize("negative", some_fast([True, False]))
 def test_friction_of_any_kind_stays_within_bounds_that_are_tight(kind, negative):

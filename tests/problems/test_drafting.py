@@ -45,6 +45,7 @@ def test_cut_offs_that_are_tried_rise_by_at_most_five_thirds():
     assert _LOW in tried
 
 
+@pytest.mark.slow
 def test_a_draft_finds_the_motion_and_keeps_its_last_part_to_judge_by(arm):
     _, draft = arm
     (first, last), (then, end) = draft.training, draft.validation

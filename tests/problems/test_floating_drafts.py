@@ -115,6 +115,7 @@ def test_a_written_draft_is_what_was_found(folder):
     assert stated.constraints.masses == "free"
 
 
+@pytest.mark.slow
 def test_rotor_inertias_of_the_file_are_taken(folder):
     (folder / "geared.xml").write_text(robot_text(armature=0.02))
     draft = ci.draft_problem(

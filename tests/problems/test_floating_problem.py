@@ -135,6 +135,7 @@ def test_rows_without_contact_forces_have_honest_standard_errors(folder):
     assert 0.6 < ratio < 1.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("parts", "message"),
     [

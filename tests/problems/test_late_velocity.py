@@ -87,6 +87,7 @@ def test_a_velocity_that_the_user_names_is_read(arm_with_late_velocity):
     assert draft.columns.velocity == "dq_{joint}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("noise", "scale", "is_read"),
     [(0.0, 1.0, True), (0.3, 1.0, False), (0.3, 1.3, True)],
@@ -147,6 +148,7 @@ def with_cell(log, row, cell):
     log.write_text("\n".join(lines))
 
 
+@pytest.mark.slow
 def test_a_faulty_velocity_is_refused(tmp_path):
     urdf, log = with_rates(tmp_path, 1.0)
     with_cell(log, [501], "ERR")
@@ -177,6 +179,7 @@ def test_a_velocity_that_many_rows_lack_is_not_read(tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [range(501, 541), range(1, 2401)])
 def test_a_velocity_that_the_held_out_log_lacks_does_not_stop_a_draft(tmp_path, rows):
     urdf, log = with_true_rates(tmp_path)
@@ -208,6 +211,7 @@ def test_missing_values_of_a_velocity_that_the_user_names_are_refused(tmp_path):
         draft_problem(*with_rates(tmp_path, np.nan), velocity="dq_{joint}")
 
 
+@pytest.mark.slow
 def test_a_joint_without_torque_is_left_out_by_the_option_that_is_named(tmp_path):
     urdf, log = with_rates(tmp_path, np.nan)
     lines = log.read_text().splitlines()

@@ -85,6 +85,7 @@ def checked(monkeypatch, problem, corrected, recorded):
     return [f.kind for f in found], len(asked)
 
 
+@pytest.mark.slow
 def test_a_drive_filter_behind_a_delay_replaces_what_it_looks_like(
     monkeypatch, late_by_60_ms
 ):
@@ -97,6 +98,7 @@ def test_a_drive_filter_behind_a_delay_replaces_what_it_looks_like(
     assert kinds == ["outliers", *EFFECTS, "lag"]
 
 
+@pytest.mark.slow
 def test_a_log_with_a_fault_is_not_examined_without_its_delay(
     monkeypatch, late_by_60_ms
 ):
@@ -106,6 +108,7 @@ def test_a_log_with_a_fault_is_not_examined_without_its_delay(
     assert (kinds, times) == (["torque sign"], 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lag", "said"), [([], ["fault"]), (["lag"], ["warning", "warning"])]
 )
@@ -119,6 +122,7 @@ def test_what_a_filter_may_look_like_is_not_sure_beside_it(
     assert [f.severity for f in found] == said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seconds", "severity"),
     [(0.084, "warning"), (0.036, "warning"), (0.086, "fault"), (0.034, "fault")],

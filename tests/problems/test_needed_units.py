@@ -38,6 +38,7 @@ def _options(urdf, path):
     return caught.value.options
 
 
+@pytest.mark.slow
 def test_milliseconds_and_degrees_are_proposed_beside_names(arm, tmp_path):
     """One command has all; gains of a log in another unit would be wrong."""
     urdf, log = arm
@@ -88,6 +89,7 @@ def test_gains_of_no_unit_are_not_proposed():
     assert NominalGains(joints, np.full(3, 1e-3), sure, (True,) * 3).far
 
 
+@pytest.mark.slow
 def test_counts_of_encoders_are_proposed_with_their_zero(arm, tmp_path):
     urdf, log = arm
     counts = np.round(2048.0 + log.position / (2.0 * np.pi) * 4096.0)

@@ -159,6 +159,7 @@ def unnamed(folder, arm, *, twice=False):
     return folder / "log.csv"
 
 
+@pytest.mark.slow
 def test_a_message_proposes_all_that_a_log_needs_and_that_is_enough(tmp_path, arm):
     log = unnamed(tmp_path, arm, twice=True)
     with pytest.raises(RecordingError, match="no header") as refusal:
@@ -240,6 +241,7 @@ def test_channels_in_several_folders_are_answered_with_a_folder(tmp_path, arm, c
     assert "give a folder in which they are alone" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_repeated_runs_with_one_clock_are_no_tables_of_one_recording(
     tmp_path, arm, capsys
 ):

@@ -96,6 +96,7 @@ def test_the_datasheet_gives_every_constant_that_the_paper_prints():
         assert value == pytest.approx(expected, abs=0.5e-4)  # four decimals
 
 
+@pytest.mark.slow
 def test_the_rank_is_14_of_16_and_11_of_13_with_the_two_known_null_directions():
     report = rx60.report()
     assert (len(report.all_columns.columns), report.all_columns.rank) == (16, 14)

@@ -302,6 +302,7 @@ def test_of_rows_with_one_stamp_one_counts(arm, tmp_path, kept):
     assert draft.problem().table.data.duplicates == kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", ["", "-"])
 def test_a_forearm_against_the_horizontal_is_given_by_an_option(arm, tmp_path, sign):
     def summed(lines):
@@ -332,6 +333,7 @@ def test_a_forearm_against_the_horizontal_is_given_by_an_option(arm, tmp_path, s
         robot_logs(*files, Statement(coupled={"wrist": "elbow"})).read(files[1])
 
 
+@pytest.mark.slow
 def test_a_reversed_axis_and_another_zero_are_corrected_by_options(arm, tmp_path):
     def moved(lines):
         cells = [line.split(",") for line in lines]

@@ -144,6 +144,7 @@ def without_an_estimate(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("run", [Run(), Run(beside=True)])
 def test_an_estimate_that_fails_names_the_faults_of_the_log(without_an_estimate, run):
     with running(run), pytest.raises(InfeasibleError) as failure:
@@ -167,6 +168,7 @@ def test_the_gravest_fault_of_each_kind_comes_first():
     ]
 
 
+@pytest.mark.slow
 def test_the_shell_prints_them_below_the_error(without_an_estimate, capsys):
     assert main(["identify", str(without_an_estimate)]) == 2
     said = capsys.readouterr().err

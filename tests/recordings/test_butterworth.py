@@ -66,6 +66,7 @@ def test_acceleration_holds_at_both_ends(phase):
     assert error.max() < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cutoff", [3.0, 8.0, 30.0])
 def test_a_bend_that_is_noise_moves_no_end(cutoff):
     noise = np.random.default_rng(0).normal(size=(300, 2000))

@@ -97,6 +97,7 @@ class Watched(str):
         return str.lower(self)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", ["sensor_{}", "x{}_torque_extra", "action_{0}_{0}"])
 def test_many_columns_are_not_each_compared_with_every_other(other):
     def looks(count):

@@ -50,6 +50,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "second", "rates", "noise"), some_fast(CASES, 2))
 def test_a_delay_is_found_within_a_tenth_of_a_sample(first, second, rates, noise):
     scores = []
@@ -195,6 +196,7 @@ def test_tiagos_velocity_comes_some_190_ms_after_its_position():
         assert found.correlations.min() > 0.99
 
 
+@pytest.mark.slow
 def test_three_clocks_are_brought_to_the_slowest():
     rng = np.random.default_rng(4)
     motion, step = tones(rng), 1e-3

@@ -94,6 +94,7 @@ def test_the_kernel_has_the_gains_of_a_butterworth_filter_run_both_ways(cutoff, 
     np.testing.assert_allclose(gains, 1 / (1 + ratio ** (2 * order)), atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [2, 7, 40, 300, 2500])
 @pytest.mark.parametrize(("cutoff", "order"), [(0.05, 4), (0.2, 8), (0.01, 4)])
 def test_ends_are_reflected_however_short_a_recording_is(samples, cutoff, order):

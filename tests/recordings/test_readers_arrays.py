@@ -402,6 +402,7 @@ def test_cut_files_are_refused(save_any, cut):
 
 
 # Without a look at their elements, SciPy crashes on some MATLAB 5 files.
+@pytest.mark.slow
 def test_damaged_files_are_refused_or_read(save_any):
     path = save_any({"time": TIME, "q_elbow": TIME})
     whole, rng = path.read_bytes(), np.random.default_rng(0)

@@ -112,6 +112,7 @@ def test_plain_numbers_are_read_the_fast_way(separator):
     )
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(
     values=st.lists(st.tuples(NUMBER, NUMBER), min_size=2, max_size=5),
@@ -419,6 +420,7 @@ def test_a_clock_that_begins_again_separates_recordings_of_one_file(tmp_path, ca
         read_recording(path, ("a",), columns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("separator", SEPARATORS.values(), ids=SEPARATORS)
 def test_a_header_may_be_longer_than_a_field_of_the_csv_module(tmp_path, separator):
     count = csv.csv.field_size_limit() // 6

@@ -159,6 +159,7 @@ def test_wrenches_and_flags_of_other_topics(bag):
     assert np.array_equal(pressed.closed, log.time > 2.0 + 1e-6)
 
 
+@pytest.mark.slow
 def test_a_gap_of_a_topic_is_left_out_and_said(tmp_path, caplog):
     kind, messages = imu(200.0)
     messages = [m for m in messages if not 2.0 < at(m[0]) < 2.5]
@@ -218,6 +219,7 @@ def test_by_time_of_logging_all_topics_are(tmp_path):
     assert np.allclose(log.base.angular_velocity[inside, 2], expected, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "message"),
     [

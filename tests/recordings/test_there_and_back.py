@@ -81,6 +81,7 @@ def test_gravity_alone_tells_masses_times_centres(arm):
     assert abs(off).max() > 0.1 * abs(right).max()
 
 
+@pytest.mark.slow
 def test_hysteresis_of_a_wrench_sensor_cancels(arm):
     log, _ = logged(arm)
     tool = ci.InertialParameters.from_central(1.3, [0.02, 0, 0.08], 4e-3 * np.eye(3))

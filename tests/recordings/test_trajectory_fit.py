@@ -57,6 +57,7 @@ def test_a_fit_by_period_is_one_by_its_harmonics():
     assert by_frequency.criterion[0] == by_period.criterion[-1]
 
 
+@pytest.mark.slow
 def test_frequencies_are_refused_where_noise_would_be_ten_times_as_large():
     time, wave = np.arange(2000) / 100.0, np.zeros((2000, 1))
     rng = np.random.default_rng(0)

@@ -76,6 +76,7 @@ def _logged(rate=500.0, step=1e-4):
     return Recording(SLIDER.joint_names, time, read, torque=force), 2.0 * ddq
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cutoff", "found"), some_fast([(100.0, 1), (5.0, 0)]))
 def test_a_cutoff_that_lets_noise_through_is_warned_of(cutoff, found):
     log, _ = _logged()

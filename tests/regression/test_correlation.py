@@ -59,6 +59,7 @@ def test_recordings_add_and_do_not_lie_against_each_other():
     assert parts == pytest.approx(whole, rel=0.1)
 
 
+@pytest.mark.slow
 def test_what_a_fit_took_is_given_back():
     # Slow sines fitted to slow noise, up to 1.5 Hz at 100 Hz: two thirds of what is so
     # slow are gone from the residual.  The scores' variance is still that of the noise
@@ -92,6 +93,7 @@ def test_of_white_noise_the_scores_have_the_covariance_of_white_noise():
     assert found.length == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.slow
 def test_noise_slower_than_the_motion_does_little_harm():
     # A sine at 5 Hz beside AR(1) noise at 100 Hz: P(f) of the closed form, not P(0).
     rng = np.random.default_rng(6)
@@ -119,6 +121,7 @@ def slow_log(seed, samples):
     return model, simulate_torque(model, truth, motion)
 
 
+@pytest.mark.slow
 def test_a_regression_counts_effective_samples_of_each_joint():
     model, clean = slow_log(0, 6000)
     rng = np.random.default_rng(3)
@@ -181,6 +184,7 @@ def test_of_an_impulse_all_frequencies_have_the_same_power_to_the_last(samples):
     assert found.length == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("a", [0.0, 0.9])
 def test_the_degrees_of_freedom_are_those_by_which_the_variance_scatters(a):
     rng = np.random.default_rng(4)

@@ -86,6 +86,7 @@ def test_a_motion_is_designed_with_drag_and_its_torque_is_proven():
         assert most <= max(abs(b) for b in bounds) <= 40.0
 
 
+@pytest.mark.slow
 def test_exported_functions_have_the_same_torque_and_urdf_says_that_it_lacks_it():
     rng = np.random.default_rng(3)
     _, robot = random_robot(rng, 3)
@@ -102,6 +103,7 @@ def test_exported_functions_have_the_same_torque_and_urdf_says_that_it_lacks_it(
     assert note.startswith("URDF has no drag: j0 ")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler cc")
 def test_compiled_c_has_the_same_torque(tmp_path):
     rng = np.random.default_rng(4)

@@ -39,12 +39,14 @@ def noisy(seed, *, shift=0.0, samples=4000):
     return model, replace(log, torque=torque)
 
 
+@pytest.mark.slow
 def test_white_noise_has_a_ratio_near_one():
     found = [ci.build_regression(*noisy(seed)).noise.beyond for seed in range(12)]
     assert min(found) >= 1.0
     assert np.median(found) < 1.4
 
 
+@pytest.mark.slow
 def test_parameters_that_shift_from_block_to_block_show():
     still, shifting = (
         np.mean(
@@ -80,6 +82,7 @@ def test_the_ratio_is_that_of_fits_without_each_block():
     assert found == pytest.approx(np.median(jackknife / by_noise) / 0.927, rel=0.02)
 
 
+@pytest.mark.slow
 def test_noise_in_blocks_of_unequal_information_is_no_error_of_the_model():
     """A jackknife is larger than the variance, on average; the ratio is not."""
     rng = np.random.default_rng(1)
@@ -101,6 +104,7 @@ def test_noise_in_blocks_of_unequal_information_is_no_error_of_the_model():
     assert np.mean(ratios) < 1.15
 
 
+@pytest.mark.slow
 def test_noise_in_one_of_several_recordings_of_a_fit_is_no_error_of_the_model():
     """For white noise in equal blocks, the mean of each ratio is that of chi^2 / 9.
 

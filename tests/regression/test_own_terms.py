@@ -156,6 +156,7 @@ def test_the_shape_of_an_own_term_is_found():
     assert found.model.terms[0].terms[-1].period == found["period"].value
 
 
+@pytest.mark.slow
 def test_exports_write_an_own_term_or_name_it():
     rng = np.random.default_rng(2)
     _, robot = random_robot(rng, 3)

@@ -135,6 +135,7 @@ def test_without_the_pass_for_noise_all_else_is_the_same():
     assert (bare.counts, bare.peaks.tolist()) == (whole.counts, whole.peaks.tolist())
 
 
+@pytest.mark.slow
 def test_neither_the_order_of_samples_nor_the_size_of_pieces_matters():
     # Two pieces of four chunks each, and a last piece of one sample.
     model, recording, rows, rng = problem(joints=2, samples=32_769)
@@ -145,6 +146,7 @@ def test_neither_the_order_of_samples_nor_the_size_of_pieces_matters():
     assert_same_squares(build_regression(model, log), rows)
 
 
+@pytest.mark.slow
 def test_the_same_recording_gives_the_same_bits():
     model, recording, _, _ = problem(joints=2, samples=40_000)
     first, again = (build_regression(model, recording) for _ in range(2))
@@ -196,6 +198,7 @@ def test_parameters_survive_a_condition_number_that_normal_equations_do_not():
     assert by_qr < 1e-7 and squared > 1e4 * by_qr
 
 
+@pytest.mark.slow
 def test_row_weights_multiply_rows_and_torques():
     model, recording, rows, rng = problem(samples=5000)  # more than one chunk
     recording = recording.of(model.robot.joint_names)

@@ -105,6 +105,7 @@ def test_under_right_weights_and_white_noise_next_to_nothing_is_inflated():
     assert again.squared_misfit(functionals) == pytest.approx(1.0, abs=0.25)
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(
     seed=st.integers(0, 1000),

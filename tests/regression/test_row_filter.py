@@ -152,6 +152,7 @@ WAYS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_the_truth_stays_exact_where_friction_jumps(way):
     model, truth, log = _run()
@@ -218,6 +219,7 @@ def test_a_filtered_log_with_one_joint_masked_and_wrong_holds_the_truth():
     assert (np.array(found.counts) < 0.9 * len(log) / STEP).all()
 
 
+@pytest.mark.slow
 def test_workers_that_want_the_same_rows_at_once_compute_them_once(monkeypatch):
     model, _, log = _run(60_000)
     smooth = low_passed(log, torque_cutoff=CUTOFF)

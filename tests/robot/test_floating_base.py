@@ -48,6 +48,7 @@ def pinocchios_regressor(robot, model, base_twist, base_acceleration, state):
     return np.vstack([Y[:6], G.T @ Y[6:]])
 
 
+@pytest.mark.slow
 @PATHS
 def test_its_regressor_is_pinocchios_with_a_free_flyer(path, monkeypatch):
     # As loaded, rotations within 1e-10 of a right angle are taken for right angles.

@@ -109,6 +109,7 @@ def size(errors):
     return float(np.sqrt((errors**2).mean()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("further", [(), ("velocity", "torque")], ids=["q", "q dq tau"])
 @pytest.mark.parametrize("delay", [0.0018, DELAY])
 def test_the_file_moves_as_the_estimate_does_with_the_delay(
@@ -133,6 +134,7 @@ def test_the_file_moves_as_the_estimate_does_with_the_delay(
     assert apart == pytest.approx(price, rel=0.1)
 
 
+@pytest.mark.slow
 def test_its_error_is_that_of_the_estimate(leg, tmp_path):
     own, log = estimate(leg, [1.3 * value for value in TRUTH]), commands()
     true = replay_model(estimate(leg), JOINTS, GAINS.of(2), period=0.005)

@@ -63,6 +63,7 @@ class Stated(Candidates):
         return found
 
 
+@pytest.mark.slow
 def test_a_refinement_of_bodies_takes_the_step_that_lowers_its_errors(tmp_path):
     """Derivatives by bodies that act alike are one: those by their base parameter."""
     problem = leg(tmp_path, IDENTIFIED)

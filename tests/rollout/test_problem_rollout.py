@@ -243,6 +243,7 @@ def test_settings_are_compared_by_the_best_fit_whatever_the_noise_is_like(folder
     np.testing.assert_allclose(found.parameters, fit.parameters, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_last_rollouts_are_remembered_and_no_others(folder, monkeypatch):
     problem = load_problem(folder)
     estimate, _ = torque_fit(problem)

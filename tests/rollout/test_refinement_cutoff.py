@@ -108,6 +108,7 @@ def test_a_refinement_of_a_fit_that_diverges_is_taken():
     assert best_ridge(parts) == 0.1
 
 
+@pytest.mark.slow
 def test_a_whole_step_from_the_start_itself_is_its_first_step(problem):
     estimate, regression = torque_fit(problem)
     logs, gains = problem.logs("training"), problem.gains

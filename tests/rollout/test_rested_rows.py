@@ -55,6 +55,7 @@ def off(settings, delay, cutoff):
     return late * (1.0 + abs(np.log(settings.cutoff / cutoff)))
 
 
+@pytest.mark.slow
 def test_delay_and_cutoff_are_found_again_without_rows_of_slow_joints(problem):
     def error(s):
         rests = s.least_joint_speed is None
@@ -85,6 +86,7 @@ def test_rows_that_the_problem_leaves_out_stay_left_out(problem):
     assert without_rests(problem, Settings(least_joint_speed=0.05))
 
 
+@pytest.mark.slow
 def test_settings_that_were_not_tried_without_rows_say_nothing_of_a_delay(
     problem, monkeypatch
 ):
@@ -99,6 +101,7 @@ def test_settings_that_were_not_tried_without_rows_say_nothing_of_a_delay(
     assert len(counted) == 4  # the other kinds of friction
 
 
+@pytest.mark.slow
 def test_the_record_has_each_setting(problem):
     from consistent_id.problems.study import Study
 
@@ -161,6 +164,7 @@ def test_settings_state_the_speed_below_which_rows_are_left_out(problem):
     assert any(mask is not None and not mask.all() for mask in known)
 
 
+@pytest.mark.slow
 def test_delays_with_other_rows_left_out_count_if_they_predict_as_well(problem):
     settings = Settings(cutoff=15.0, delay=0.003, least_joint_speed=0.02)
     candidates = Candidates(problem)

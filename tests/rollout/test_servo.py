@@ -361,6 +361,7 @@ def test_the_verdict_on_a_servo_is_that_of_its_worst_reason(change, word, kinds)
     assert parsed(json.dumps(fit.to_dict()))["verdict"] == word
 
 
+@pytest.mark.slow
 def test_the_error_of_the_goals_is_their_mean_distance(pendulum, monkeypatch):
     quick(monkeypatch)
     log = a_log(pendulum, 1.5)

@@ -82,6 +82,7 @@ def test_friction_that_depends_on_load_holds_what_coulomb_friction_does_not(pend
     assert moved[0] < 0.4
 
 
+@pytest.mark.slow
 def test_the_firmwares_gain_and_deadband_are_read_from_the_duty(pendulum):
     log = a_log(pendulum)
     assert duty_law(log, 0).gain == pytest.approx(GAIN, rel=1e-6)
@@ -95,6 +96,7 @@ def test_the_firmwares_gain_and_deadband_are_read_from_the_duty(pendulum):
         duty_law(replace(log, duty=-log.duty), 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [0.0, 0.004, 0.012])
 @pytest.mark.parametrize("share", [0.0, 0.4])
 def test_the_firmwares_gain_is_right_though_it_has_the_goal_late(late, share):
@@ -150,6 +152,7 @@ def test_mujoco_moves_like_the_simulation(pendulum, file):
         replayed_in_mujoco(file, rough, log, [GAIN])
 
 
+@pytest.mark.slow
 def test_the_file_holds_the_delay_and_pulls_as_supply_and_temperature_let_it(
     pendulum, file
 ):
@@ -172,6 +175,7 @@ def test_the_file_holds_the_delay_and_pulls_as_supply_and_temperature_let_it(
         assert (replayed_file(text, fit, late)[0] < 2.0 * tick) == right
 
 
+@pytest.mark.slow
 def test_a_firmware_that_answers_late_takes_damping_away(pendulum):
     drives = [LoggedDrive(GAIN, 0.0)]
     pieces = cut_pieces(pendulum, [a_log(pendulum)], 0, drives, step=STEP / 5)

@@ -56,6 +56,7 @@ def test_false_alarms_are_as_rare_as_stated(detector):
     assert detector.hours == pytest.approx(120.0 / 3600.0, rel=0.02)
 
 
+@pytest.mark.slow
 def test_covariance_is_that_of_the_difference(detector):
     # Noise at one time, plus that of a mean over 250 ms (some 5 % of the variance each
     # way), beside a slow error.
@@ -81,6 +82,7 @@ def test_a_step_is_found_at_once_and_by_the_stated_threshold(detector):
         assert not detector.along(small).contact[1900:2100].any()
 
 
+@pytest.mark.slow
 def test_sample_by_sample_is_the_same():
     fitted = ContactDetector.fit([moving(60.0, 5)])
     log = moving(1.0, 6)
@@ -95,6 +97,7 @@ def test_sample_by_sample_is_the_same():
         np.testing.assert_allclose(fitted.thresholds(state), found.threshold[k])
 
 
+@pytest.mark.slow
 def test_thresholds_rise_where_a_joint_turns_round():
     fitted = ContactDetector.fit([moving(120.0, 7)])
     log = moving(30.0, 8)
@@ -107,6 +110,7 @@ def test_thresholds_rise_where_a_joint_turns_round():
         assert np.median(threshold[turning, j]) > 1.5 * np.median(threshold[fast, j])
 
 
+@pytest.mark.slow
 def test_repeated_values_change_nothing():
     logs = [noise(60.0, 9), noise(60.0, 10)]
     twice = [
@@ -123,6 +127,7 @@ def test_repeated_values_change_nothing():
     assert repeated.limit == pytest.approx(once.limit, rel=0.05)
 
 
+@pytest.mark.slow
 def test_samples_that_are_not_free_are_not_learned():
     log = noise(120.0, 11)
     push = np.zeros((len(log), 3))
@@ -162,6 +167,7 @@ def test_uneven_stamps_count_as_the_time_that_they_take():
     assert bursts.hours == pytest.approx(60.0 / 3600.0, rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_learned_is_refused(detector):
     log = noise(60.0, 13)
     with pytest.raises(ProblemError, match="no log"):

@@ -45,6 +45,7 @@ def found(files):
     return check_gains(problem, files["loaded"], known_mass=LOAD.mass, link="flange")
 
 
+@pytest.mark.slow
 def test_gains_are_those_of_the_simulated_drives(found):
     assert_reached("tests/service/test_gain_check.py", found)
     half = found.half_intervals
@@ -105,6 +106,7 @@ def test_the_shell_prints_and_writes_gains(files, found, tmp_path, capsys):
     assert record["verdict"] == found.verdict.word
 
 
+@pytest.mark.slow
 def test_without_a_load_a_problem_s_bodies_imply_the_gains(files, capsys):
     """The simulated arm has the bodies of its file; stated gains do not matter."""
     draft = draft_problem(

@@ -326,6 +326,7 @@ def test_raw_samples_are_followed_a_few_samples_late(estimate):
     assert (state.prediction_errors < 0.15).all()
 
 
+@pytest.mark.slow
 def test_unknown_torque_is_not_learned_from_with_or_without_acceleration(estimate):
     whole = log(15, seconds=1.0)
     known = np.ones(whole.torque.shape, dtype=bool)

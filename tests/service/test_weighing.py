@@ -55,6 +55,7 @@ def found(problem, files):
     return weigh_load(problem, files["loaded"], link="flange", tool="tcp")
 
 
+@pytest.mark.slow
 def test_a_load_is_weighed_in_the_frame_of_the_flange(found):
     assert_reached("tests/service/test_weighing.py", found)
     flange = found.in_flange
@@ -109,6 +110,7 @@ def still(still_files):
     return weigh_load(problem, loaded, link="flange")
 
 
+@pytest.mark.slow
 def test_poses_at_rest_show_mass_and_centre_of_mass_alone(still):
     assert still.inertia_open
     assert [r.kind for r in still.verdict.grounds] == ["inertia is open"]
@@ -210,6 +212,7 @@ def test_right_gains_are_left_alone(problem, files):
     assert len(found.tables()) == 3
 
 
+@pytest.mark.slow
 def test_gains_of_the_models_bodies_are_doubted_until_a_known_mass_tests_them(files):
     stated = {**PLAIN, "torque_gain": [1.0] * 4, "gain_source": "model"}
     assumed = draft_problem(files["robot"], files["empty"], **stated).problem()

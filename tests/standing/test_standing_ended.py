@@ -64,6 +64,7 @@ def test_an_ended_search_keeps_its_best_path(stance, number, stopped, said):
     assert least in standing_record(found)["least_moved"]
 
 
+@pytest.mark.slow
 def test_without_a_path_the_message_says_that_time_ended_the_search(stance):
     drive = ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02)
     with pytest.raises(ci.InfeasibleError, match=r"0 s, twice the time limit, ended"):

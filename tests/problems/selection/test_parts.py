@@ -107,6 +107,7 @@ def test_a_joint_that_carries_next_to_nothing_has_no_load_friction(tmp_path):
     assert begun.evaluator.setting.loaded == ("shoulder",)
 
 
+@pytest.mark.slow
 def test_factors_do_not_depend_on_which_were_made_before(tmp_path):
     problem = draft_problem(*write_arm(tmp_path), select=False, cutoff=10.0).problem()
     begun = beginning(problem, problem.logs("training"), (), 10.0)

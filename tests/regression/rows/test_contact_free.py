@@ -79,6 +79,7 @@ def test_a_foot_that_is_never_lifted_hides_its_mass(robot, patterns, lost):
     assert len(base) == len(base_parameters(model)) - lost
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("patterns", [EVERY, THREE])
 def test_bodies_are_recovered_without_force_sensors(robot, patterns):
     log = standing(robot, np.array(patterns * (400 // len(patterns))))
@@ -100,6 +101,7 @@ def test_bodies_are_recovered_with_force_sensors(robot):
         assert np.allclose(found.base_values, expected, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_base_wrench_alone_needs_no_torque(robot):
     log = replace(standing(robot, np.array(EVERY * 300)), torque=None)
     model = TorqueModel(robot, torque_joints=BASE_ROWS)
@@ -118,6 +120,7 @@ def test_the_structure_of_rows_is_found_once_for_each_model(robot):
     assert (after.hits, after.misses) == (before.hits + 1, before.misses)
 
 
+@pytest.mark.slow
 def test_noise_levels_weigh_rows_before_they_are_mixed(robot):
     """With right levels the regression is that of white noise of level one."""
     log = standing(robot, np.array(THREE * 200), noise=0.3, seed=1)

@@ -36,6 +36,7 @@ def log(robot):
     return replace(whole, wrenches=())
 
 
+@pytest.mark.slow
 def test_they_hold_what_the_fewer_rows_without_names_hold(robot, log):
     model = ci.TorqueModel(robot)
     named = ci.build_regression(model, log).stacked()
@@ -79,6 +80,7 @@ def test_contacts_whose_wrenches_are_measured_are_no_unknowns(robot):
     assert motion_of(ci.TorqueModel(robot), whole, None).mixing is None
 
 
+@pytest.mark.slow
 def test_predictions_are_of_the_same_rows_as_torque(robot, log):
     model = ci.TorqueModel(robot)
     exact = replace(standing(robot, np.array(THREE * 20)), wrenches=())
@@ -90,6 +92,7 @@ def test_predictions_are_of_the_same_rows_as_torque(robot, log):
     assert found.score(log).stacked > 1e-4
 
 
+@pytest.mark.slow
 def test_degrees_of_freedom_are_counted_once(robot, log):
     """Of 18 rows three feet take nine; counts are what is left, rounded row by row."""
     regression = ci.build_regression(ci.TorqueModel(robot), log)
@@ -157,6 +160,7 @@ def test_joints_at_rest_have_no_known_torque():
     assert not found.torque_known[slow, 0].any() and found.torque_known[:, 0].any()
 
 
+@pytest.mark.slow
 def test_the_fewer_rows_hold_no_unknown_torque_either(robot, log):
     rng, model = np.random.default_rng(3), ci.TorqueModel(robot)
     part = replace(log, torque_known=rng.uniform(size=log.position.shape) > 0.2)

@@ -19,6 +19,7 @@ def robot(tmp_path_factory):
     return ci.robot.load_mjcf(path, base="floating")
 
 
+@pytest.mark.slow
 def test_factors_are_those_of_each_recording_alone(robot):
     rng = np.random.default_rng(0)
     model = ci.regression.contact_free_model(ci.TorqueModel(robot))
