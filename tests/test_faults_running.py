@@ -43,6 +43,7 @@ def test_a_writer_that_is_killed_leaves_whole_files_if_it_is_careful(faults, tmp
     assert all("of both versions" in fault for fault in found)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_no_room_leaves_what_was_there(faults, tmp_path):
     writers = {"careful": careful}

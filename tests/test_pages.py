@@ -193,6 +193,7 @@ def test_a_processor_s_name_has_no_brackets():
     assert processor("Processor\t: ARMv8") == ""
 
 
+@pytest.mark.slow
 def test_a_stamp_replaces_that_of_the_command_before(tmp_path):
     page = tmp_path / "page.md"
     old = "`python benchmarks/table.py`{} and `python\nbenchmarks/slack.py --deep`.\n"

@@ -58,6 +58,7 @@ sys.exit(main(["lint", "there-is-no-such.urdf"]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ["consistent_id.cli.tool", "numpy"])
 @pytest.mark.parametrize(("number", "code", "word"), ENDS)
 def test_a_signal_while_importing_leaves_one_line(number, code, word, module):

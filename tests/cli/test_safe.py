@@ -68,6 +68,7 @@ def test_a_repair_does_not_overwrite_what_it_repairs(arm, capsys):
     kept(urdf, ["repair", urdf, "--output", urdf], capsys, "is an input")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "name"),
     [

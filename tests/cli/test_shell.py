@@ -379,6 +379,7 @@ def test_help_says_what_a_reason_means(capsys):
         assert lines[0].startswith("  means: ") and any("  to do: " in n for n in lines)
 
 
+@pytest.mark.slow
 def test_help_explains_verdicts_notes_and_reasons_about_loads(capsys):
     for topic, said in {
         "use": "to do: use it",

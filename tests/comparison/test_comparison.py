@@ -79,6 +79,7 @@ def test_the_constrained_robot_is_consistent_and_its_mass_matrix_positive():
     assert bodily.base_feasibility.answer == "consistent"
 
 
+@pytest.mark.slow
 def test_consistent_links_are_counted_by_their_pseudo_inertia():
     comparison, expected = _with_one_impossible_link(), []
     for report in comparison.reports:
@@ -93,6 +94,7 @@ def test_consistent_links_are_counted_by_their_pseudo_inertia():
     assert expected[-2:] == ["3 of 3", "2 of 3"]
 
 
+@pytest.mark.slow
 def test_what_base_parameters_rule_out_has_other_words():
     comparison = _with_one_impossible_link()
     (table,) = (t for t in comparison_tables(comparison) if "Physical" in t.title)

@@ -391,6 +391,7 @@ def test_consistency_survives_a_change_of_frame():
     assert moved.is_consistent()
 
 
+@pytest.mark.slow
 def test_base_parameters_of_wild_size_are_judged_too():
     model, truth, _ = experiment(70, samples=2)
     base = base_parameters(model)

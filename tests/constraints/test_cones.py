@@ -45,6 +45,7 @@ from consistent_id.constraints.cones.sets import (
 )
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.lists(st.integers(1, 5), max_size=6), st.integers(0, 2**31))
 def test_matrices_of_unlike_orders_go_and_come_back_and_are_treated_one_by_one(

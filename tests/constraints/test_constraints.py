@@ -64,6 +64,7 @@ def _slack(constraint, x):
 places = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(place=places, mass=st.floats(0.1, 10.0))
 def test_a_point_mass_is_in_the_ellipsoid_iff_its_row_says_so(place, mass):

@@ -60,6 +60,7 @@ def test_friction_that_fades_is_told_from_torque_that_does():
     assert (best.where, best.start) == ("torque", 0.0)
 
 
+@pytest.mark.slow
 def test_a_change_that_hardly_matters_is_no_finding_and_a_small_one_a_warning():
     found = {}
     for size in (0.03, 0.16, 0.3):

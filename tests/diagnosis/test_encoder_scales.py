@@ -57,6 +57,7 @@ def test_a_clock_that_explains_more_than_any_scale_stays():
     assert _instead([fitted], [clock], fitted.misfit, 0.0) == [clock]
 
 
+@pytest.mark.slow
 def test_zeros_that_explain_more_than_any_scale_stay():
     assert _instead([_fitted(1.25)], [ZERO], 0.0) == [ZERO]
     right = _fitted(1.0)

@@ -62,6 +62,7 @@ def test_a_right_clock_and_one_that_is_off_by_less_than_counts_are_not_named(fac
     assert free_clock_findings(FactorLogs.of(_foreign(), [_clocked(log, factor)])) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("velocity_scale", [0.01, 0.05, 0.08])
 def test_a_wrong_width_of_friction_is_no_clock(velocity_scale):
     """The model says 0.02: with another clock, its friction has the true width."""
@@ -207,6 +208,7 @@ def test_only_faults_of_zeros_and_gains_are_compared_with_a_clock(found):
     assert clock_instead(SureClock([]), CommonShifts([]), found) == found
 
 
+@pytest.mark.slow
 def test_no_clock_is_found_in_a_right_log_nor_in_one_of_a_single_torque():
     assert SureClock([_fitted(clean_log(1))]).misfit == np.inf
     model, log = (

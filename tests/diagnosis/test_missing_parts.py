@@ -175,6 +175,7 @@ def _paused(case, at, seconds, held):
     return Recording(log.joints, time, paused.position, torque=torque, name=log.name)
 
 
+@pytest.mark.slow
 def test_a_rest_in_which_dry_friction_holds_a_torque_is_no_contact():
     log = clean_log(4)
     spread = log.torque.std(axis=0)

@@ -38,6 +38,7 @@ from consistent_id.regression import joint_noise
 from consistent_id.robot.scaling import reference_bodies
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_without_noise_the_true_robot_is_recovered_where_the_data_speak(seed):
     model, truth, log = experiment(seed)
@@ -51,6 +52,7 @@ def test_without_noise_the_true_robot_is_recovered_where_the_data_speak(seed):
     assert np.allclose(estimate.base_values, expected, atol=1e-3 * abs(expected).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast(range(6), 3))
 def test_every_link_is_a_body_and_every_mass_is_the_datasheets(seed):
     model, truth, log = experiment(20 + seed, noise=5.0, samples=200)

@@ -66,6 +66,7 @@ def test_a_right_one_gets_much_where_data_are_scarce_and_noisy(seed, distance):
     assert path.error[path.best] < path.error[-1]
 
 
+@pytest.mark.slow
 def test_the_error_of_a_fold_is_that_of_predicting_its_samples():
     model, segments, log = simulated(3, right=False, samples=240, noise=0.3)
     path = cross_validated(

@@ -134,6 +134,7 @@ def test_own_terms_and_constraints_are_solved_and_proven(seed):
         assert float((form.problem.objective.expr + l1).value) >= value - 1e-5
 
 
+@pytest.mark.slow
 def test_an_own_objective_is_minimised():
     form, _ = problem(0)
     norms = sum(cp.norm1(r) for r in form.residuals.values())

@@ -93,6 +93,7 @@ def test_a_small_value_is_called_small_with_its_relative_error():
     assert origin_text("loose", 0.1, 9.0) == "loose"
 
 
+@pytest.mark.slow
 def test_tables_call_small_what_the_data_determine_to_be_small():
     model, truth, log = pendulum()
     friction = model.layout.index("joint1.viscous")

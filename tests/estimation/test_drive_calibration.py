@@ -108,6 +108,7 @@ def test_what_bodies_explain_as_well_is_not_known():
     assert fit.standard_errors[0] == 0.0
 
 
+@pytest.mark.slow
 def test_what_is_not_asked_for_stays_as_stated():
     model, x, bodies = robot_of(5, 2)
     truth = DriveCalibration(0.0, [1.1, 0.9], [0.0, 0.0])

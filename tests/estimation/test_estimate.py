@@ -157,6 +157,7 @@ def test_a_second_estimate_is_drawn_into_the_axes_of_the_first(pyplot):
     assert len(pyplot.get_fignums()) == 1
 
 
+@pytest.mark.slow
 def test_one_joint_is_drawn_into_one_axes_and_without_measured_torque(pyplot):
     estimate, log = estimated()
     _, axis = pyplot.subplots()

@@ -45,6 +45,7 @@ def test_the_range_is_that_of_one_more_draw_of_student_s_distribution():
     assert found.error / found.low == pytest.approx(factor, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_four_of_five_further_errors_are_in_the_range():
     rng = np.random.default_rng(0)
     inside = []
@@ -112,6 +113,7 @@ def test_a_motion_like_the_training_motion_has_the_range_of_any(forecast):
     assert there.to_dict() == pytest.approx(found.expected.to_dict(), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_with_less_torque_the_range_holds_noise_and_errors_that_grow_with_it(forecast):
     model, truth, log, found = forecast
     quiet = log.samples(abs(log.torque).sum(axis=1) < np.median(abs(log.torque)))

@@ -39,6 +39,7 @@ def sure(shifts):
     return uncertainty(model, segments, constraints=(), replicates=2)
 
 
+@pytest.mark.slow
 def test_a_drift_from_block_to_block_is_in_the_standard_error():
     """The mean of six shifts scatters as these do, over the root of six."""
     shifts = np.array([0.7, -0.4, 0.9, -1.1, 0.2, -0.3])

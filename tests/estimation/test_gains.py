@@ -56,6 +56,7 @@ def test_the_whole_load_known_tells_more_than_its_mass():
     assert np.allclose(more.gains, GAINS, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_without_a_known_mass_only_ratios_are_told():
     found = _found(0.02, known={})
     assert not found.identifiable
@@ -73,6 +74,7 @@ def test_a_loaded_run_alone_does_not_tell_the_scale():
     assert "absolute scale is open" in found.verdict
 
 
+@pytest.mark.slow
 def test_what_is_not_known_well_enough_is_named():
     found = _found(0.3, accuracy=1e-3)
     assert not any(found.identified)
@@ -81,6 +83,7 @@ def test_what_is_not_known_well_enough_is_named():
     assert "10 % or better" not in found.verdict
 
 
+@pytest.mark.slow
 def test_a_gain_is_known_if_its_relative_error_is_below_the_accuracy():
     found = _found(0.3)
     errors = found.standard_errors / found.gains
@@ -96,6 +99,7 @@ def test_a_gain_is_known_if_its_relative_error_is_below_the_accuracy():
         ) != known
 
 
+@pytest.mark.slow
 def test_gains_refuse_what_does_not_fit():
     model, unloaded, loaded = runs(0.02, gains=GAINS)
     with pytest.raises(ProblemError, match="no parameter named"):

@@ -56,6 +56,7 @@ def verdict_on(estimate, log):
     return judge(replace(estimate.evidence(), crossed=crossed))
 
 
+@pytest.mark.slow
 def test_parameters_that_do_not_move_have_no_influence():
     model, log = logged(0)
     estimate = estimated(model, log)

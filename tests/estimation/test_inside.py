@@ -59,6 +59,7 @@ def shares(model, parameters):
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast([6, 2, 3, 5]))
 @pytest.mark.parametrize("kind", some_fast([1, 0]))
 def test_links_of_little_data_stay_inside_at_next_to_no_cost(seed, kind):

@@ -123,6 +123,7 @@ def test_soft_and_stiff_springs_are_found(frequency):
     assert found.stiffness == pytest.approx([stiffness], rel=0.04)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.002, 0.02])
 def test_a_spring_is_found_between_the_steps_of_the_search(noise):
     """At the least of the misfit, to half a per cent."""

@@ -177,6 +177,7 @@ def test_weights_follow_each_joints_noise_and_reduce_the_scatter():
     assert weighted < plain
 
 
+@pytest.mark.slow
 def test_hubers_loss_shrugs_off_outliers_that_ruin_least_squares():
     model, truth, log = _experiment(8, noise=0.1)
     torque = log.torque.copy()

@@ -76,6 +76,7 @@ def test_each_segment_is_predicted_by_the_fit_without_its_block(logged):
     assert squared == pytest.approx(np.mean(kinds), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_torque_itself_is_the_error_of_no_parameters(logged):
     model, segments, _ = logged
     nothing = np.zeros(len(model.layout))

@@ -58,6 +58,7 @@ def pendulum_answers():
     return answers(*pendulum(), noise=0.05)
 
 
+@pytest.mark.slow
 def test_a_pendulum_shows_what_turns_about_its_axis_and_nothing_else():
     by_name, _ = pendulum_answers()
     expected = {name: "prior" for name in by_name}

@@ -61,6 +61,7 @@ def test_the_loads_columns_give_pinocchios_torque():
         assert np.allclose(mine, expected, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_regressions_of_both_runs_fit_what_fits_each():
     model, unloaded, loaded = runs(0.1)
     robot = loaded_robot(model, Link("load"))

@@ -58,6 +58,7 @@ def off(model, truth, log):
     return max(abs(found[n] - truth[model.layout.index(n)]) for n in names)
 
 
+@pytest.mark.slow
 def test_the_lowest_speed_whose_squared_error_is_near_the_least_is_chosen(monkeypatch):
     # At the next speed the error is 3.7 times the least, its square 14 times.
     monkeypatch.setattr(resting, "GAIN", 5.0)
@@ -80,6 +81,7 @@ def test_rests_that_pull_at_the_parameters_are_left_out():
     assert off(model, truth, without) < 1e-3 < 0.02 < off(model, truth, log)
 
 
+@pytest.mark.slow
 def test_where_friction_is_as_modelled_no_row_is_left_out():
     model, _, log = pendulum(sticks=False)
     found = ci.estimation.rest_speed(model, log)

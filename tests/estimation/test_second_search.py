@@ -88,6 +88,7 @@ def test_it_agrees_with_the_cone_programme(joints):
         assert InertialParameters(body).is_consistent()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast(range(6), 2))
 def test_it_agrees_where_the_robot_hardly_moves(seed):
     # Little motion and much noise: optima with flat bodies and frictionless joints.
@@ -106,6 +107,7 @@ def test_what_the_data_leave_open_is_named_and_does_not_hinder(seed):
     assert check.smooth.origins[model.layout.index("j0.viscous")] == "prior"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("margin", [0.0, 1e-6, 1e-3])
 def test_the_misfit_converges_though_the_best_body_is_flat(margin):
     # The torque asks for less inertia about the axis than a point mass has.

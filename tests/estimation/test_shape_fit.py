@@ -207,6 +207,7 @@ def test_repeated_samples_tell_nothing_new():
     assert correlation_length([window], ones) == pytest.approx(10.0, rel=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [

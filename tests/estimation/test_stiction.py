@@ -137,6 +137,7 @@ def test_a_reversed_torque_is_found_at_rest_where_gravity_outweighs_friction(
     assert "torque sign" in kinds(bad)
 
 
+@pytest.mark.slow
 def test_a_joint_held_while_others_are_tested_is_no_error_within_its_friction(arm, log):
     good = fitted(arm, log)
     within, beyond = (

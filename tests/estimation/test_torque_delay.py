@@ -158,6 +158,7 @@ def test_changes_add_up_to_the_covariance():
     assert alone.changes() == [(0.0, pytest.approx(1e-3))]
 
 
+@pytest.mark.slow
 def test_torque_is_moved_before_the_filter(log):
     smooth = ci.low_passed(log, torque_cutoff=20.0)
     moved = ci.estimation.without_torque_delay(smooth, LATE)

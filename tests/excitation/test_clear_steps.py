@@ -201,6 +201,7 @@ def test_random_paths_are_remembered_by_their_poses_and_cannot_be_changed():
         one.path[0] = 1.0
 
 
+@pytest.mark.slow
 def test_clear_poses_have_room_to_swing():
     required = demands(TorqueModel(arm(3)), arm_limits(arm(3)), scene=scene())
     guards = required.guards

@@ -9,6 +9,7 @@ from consistent_id.excitation import playable as playable_module
 from consistent_id.excitation.aims import Aim, PathForm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("allowed", "count"), [(1e9, 24), (0.0, 1)])
 def test_as_many_paths_are_drawn_as_their_work_allows(monkeypatch, allowed, count):
     robot = arm(2)

@@ -108,6 +108,7 @@ def test_casadi_functions_agree(seed):
         _assert_near(_plain(functions.rigid_body(*state)), rigid(estimate, states)[k])
 
 
+@pytest.mark.slow
 def test_a_casadi_file_is_loaded_and_agrees(tmp_path):
     import casadi as ca
 

@@ -66,6 +66,7 @@ def test_mjcf_has_the_bases_body(estimate, source, tmp_path, in_place):
     assert_same_bodies(load_mjcf(path, base="floating"), estimate)
 
 
+@pytest.mark.slow
 def test_the_free_joint_of_the_base_is_not_counted_as_one_that_moves(estimate):
     notes = exported(estimate, "mjcf", allow_refused=True).notes
     assert any("only the 12 joints that move" in note for note in notes)

@@ -86,6 +86,7 @@ def test_a_pendulum_swings_with_the_period_of_the_elliptic_integral(angle):
     assert np.diff(crossings) == pytest.approx(period, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_a_pendulum_keeps_its_energy_and_loses_it_to_friction_alone():
     for friction in (0.0, 0.05):
         motion = _let_go(1.0, friction)
@@ -220,6 +221,7 @@ def test_friction_switched_off_is_the_torque_that_is_missing():
         assert friction == pytest.approx(rest * expected, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_the_delay_is_recovered_far_within_a_sample():
     found = synchronised(_log(), cutoff=60.0, trim=0.2)
     assert found.delay.seconds == pytest.approx(0.0372, abs=2e-4)

@@ -114,6 +114,7 @@ def test_what_is_convex_stays_in_one_piece():
     assert len(convex_pieces(_box_surface([1, 2, 3], [0, 0, 0]), 8)) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_pieces_cover_the_whole_surface(seed):
     rng = np.random.default_rng(seed)

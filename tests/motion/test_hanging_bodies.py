@@ -169,6 +169,7 @@ def test_a_joint_without_limits_behind_the_tip_is_not_checked_and_named(tmp_path
     assert link == "nail" and "--lock tap=POSITION" in reason
 
 
+@pytest.mark.slow
 def test_a_limb_that_nothing_can_avoid_is_refused_with_the_joints_to_lock(tmp_path):
     turned = _joint("grip", "hand", "thumb", xyz="-0.2 0 0", lower=-3.2, upper=3.2)
     bent = _joint("elbow", "arm", "hand", axis="0 1 0", lower=-0.1, upper=0.1)

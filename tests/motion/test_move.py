@@ -56,6 +56,7 @@ def jumps(move, derivatives=3):
     return np.array([after[:, 0] - before[:, 0] for before, after in sides])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pose", [None, [0.1, -0.2, 0.3]])
 def test_nothing_jumps_between_pieces_and_both_ends_rest(pose):
     path = periodic()
@@ -112,6 +113,7 @@ def test_periods_repeat_and_their_rows_can_be_told():
     np.testing.assert_allclose(log.position[rows], same[0], atol=1e-10)
 
 
+@pytest.mark.slow
 def test_outside_its_time_a_move_rests():
     move = move_along(periodic(), limits_of(periodic()))
     values = move.evaluate([-1.0, 1e9], derivatives=3)

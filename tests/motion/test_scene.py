@@ -53,6 +53,7 @@ def test_bodies_of_the_robot_that_always_touch_are_told_and_not_watched():
     )
 
 
+@pytest.mark.slow
 def test_an_obstacle_that_always_touches_is_refused_unless_it_is_allowed():
     bodies = [Body("floor", Box((1, 1, 1))), _ball("link1")]
     said = (

@@ -48,12 +48,14 @@ def test_quintics_between_the_points_stay_within_the_tolerance(seed, tolerance):
     assert abs(_quintic(coarse, time[within]) - path[within]).max() > tolerance
 
 
+@pytest.mark.slow
 def test_run_ins_need_their_ends_alone():
     move = _move()
     begin, _ = move.window
     assert (thinned(move, 1e-4).time < begin - 1e-9).sum() == len(move.run_in)
 
 
+@pytest.mark.slow
 def test_a_thinned_message_is_read_back_and_other_formats_are_refused(tmp_path):
     move = _move()
     file = write_trajectory(move, tmp_path / "move.yaml", tolerance=1e-4)

@@ -86,6 +86,7 @@ def test_what_is_given_is_kept_and_what_is_to_be_plain_is_not_chosen(arm):
         draft_problem(*files, keep=["lod_friction"])
 
 
+@pytest.mark.slow
 def test_the_file_loads_as_the_problem_that_was_drafted(arm):
     folder, draft = arm
     (folder / "problem.toml").write_text(draft.text(folder))

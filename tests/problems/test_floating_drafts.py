@@ -214,6 +214,7 @@ def test_the_options_for_a_base_without_columns_are_named(folder):
         logs_of(folder, log)
 
 
+@pytest.mark.slow
 def test_hints_of_a_base_that_is_fixed_are_refused(folder):
     (folder / "fixed.xml").write_text(quadruped_text(joint=""))
     with pytest.raises(

@@ -152,6 +152,7 @@ def test_faults_are_named(folder, parts, message):
         _ = Study(problem(folder, *parts, name="faulty.toml")).constrained
 
 
+@pytest.mark.slow
 def test_a_fixed_base_does_not_move(folder):
     (folder / "hanging.xml").write_text(quadruped_text(joint=""))
     text = HEAD.format(legs=[]).replace('base = "floating"', "") + UNIT

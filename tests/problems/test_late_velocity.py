@@ -156,6 +156,7 @@ def test_a_faulty_velocity_is_refused(tmp_path):
         draft_problem(urdf, log)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cell", ["nan", ""])
 def test_rows_that_lack_the_velocity_alone_are_left_out(tmp_path, cell):
     urdf, log = with_true_rates(tmp_path)
@@ -261,6 +262,7 @@ def test_a_smoothed_velocity_never_makes_the_draft_worse(tmp_path, cutoff, delay
         assert any(late in note for note in draft.notes)
 
 
+@pytest.mark.slow
 def test_a_velocity_beside_wrapped_positions_is_not_called_smoothed(tmp_path):
     """Jumps by whole turns are a fault of their own, and no acceleration."""
     urdf, log = write_arm(tmp_path)

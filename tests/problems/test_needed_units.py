@@ -102,6 +102,7 @@ def test_counts_of_encoders_are_proposed_with_their_zero(arm, tmp_path):
         robot_logs(urdf, path)
 
 
+@pytest.mark.slow
 def test_counts_of_joints_with_spaces_in_their_names_keep_their_zeros(arm, tmp_path):
     urdf, log = arm
     spaced = tmp_path / "arm.urdf"
@@ -116,6 +117,7 @@ def test_counts_of_joints_with_spaces_in_their_names_keep_their_zeros(arm, tmp_p
     np.testing.assert_allclose(read.position, log.position, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_small_whole_numbers_are_no_degrees_for_sure(arm, tmp_path):
     """Counts of a small motion travel as far as degrees would."""
     urdf, log = arm

@@ -86,6 +86,7 @@ def test_the_ratio_of_gains_does_not_depend_on_wrong_centres_of_mass(arm):
     assert (off <= 2.0 * found.errors).all()
 
 
+@pytest.mark.slow
 def test_logs_together_have_smaller_errors_and_one_table(tmp_path, arm, capsys):
     t, q, _, _ = motion()
     log = ci.Recording(arm.joint_names, t, q, torque=currents(arm))
@@ -110,6 +111,7 @@ def test_logs_together_have_smaller_errors_and_one_table(tmp_path, arm, capsys):
     assert main([*words, "--known-mass", "2"]) == 2
 
 
+@pytest.mark.slow
 def test_gains_are_proposed_for_a_log_of_fewer_joints_than_the_robot(
     tmp_path, arm, capsys
 ):
@@ -168,6 +170,7 @@ def test_a_message_proposes_all_that_a_log_needs_and_that_is_enough(tmp_path, ar
     assert "time goes from" in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_the_command_to_try_is_the_one_given_with_the_options(tmp_path, arm, capsys):
     log, robot = unnamed(tmp_path, arm), tmp_path / "arm.urdf"
     assert main(["init", str(robot), str(log)]) == 2
@@ -255,6 +258,7 @@ def test_repeated_runs_with_one_clock_are_no_tables_of_one_recording(
     assert words[words.index("--names") + 1 :][:2] == mapped
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("column", "factor"), [("curr_{}_mA", 1e3), ("Torque J{}[%]", 100.0)]
 )

@@ -75,6 +75,7 @@ def _torque_of_the_arm():
     return t, q, torque
 
 
+@pytest.mark.slow
 def test_the_row_of_joints_whose_torque_the_log_has_is_proposed(tmp_path):
     t, q, torque = _torque_of_the_arm()
     files = _arm_on_a_rail(

@@ -117,6 +117,7 @@ def test_no_torque_changes_along_the_null_directions():
         assert abs(change).max() <= 1e-12 * abs(Y).max()
 
 
+@pytest.mark.slow
 def test_tables_4_and_5_follow_from_table_3_to_the_printed_digits():
     # Half of the last printed digit, twice where a table was rounded before.
     for name, difference in rx60.report().largest_differences.items():

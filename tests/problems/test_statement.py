@@ -285,6 +285,7 @@ def test_what_a_file_states_already_is_not_in_place_of_itself(problem):
     assert note == "stated: constraints.masses = datasheet, as the file has it"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", ["first", "last"])
 def test_of_rows_with_one_stamp_one_counts(arm, tmp_path, kept):
     def twice(lines):
@@ -406,6 +407,7 @@ def test_a_joints_value_that_is_no_number_is_refused():
         statement_of_words({"position_offset": ["elbow=x"]})
 
 
+@pytest.mark.slow
 def test_whole_turns_are_undone_in_drafts_and_in_problem_files(arm, tmp_path):
     turn = 2.0 * np.pi
 

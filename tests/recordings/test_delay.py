@@ -87,6 +87,7 @@ def error_by_leaving_out_blocks(tracks, found):
     return n, np.sqrt((n - 1) / n * np.sum((delays - delays.mean()) ** 2))
 
 
+@pytest.mark.slow
 def test_the_error_of_a_delay_is_that_of_delays_found_again_without_a_block():
     ratios, time = [], np.arange(1300) / 200.0
     for seed in range(4, 9):

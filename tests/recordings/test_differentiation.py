@@ -264,6 +264,7 @@ def test_a_series_is_recovered_with_its_harmonics_on_a_jittered_clock(h, period,
     np.testing.assert_allclose(fit.residual, 1e-5, rtol=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_the_period_is_estimated_and_two_periods_are_not_mistaken_for_one(seed):
     rng = np.random.default_rng(seed)

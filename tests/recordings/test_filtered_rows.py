@@ -109,6 +109,7 @@ def test_ends_are_reflected_however_short_a_recording_is(samples, cutoff, order)
     close(by(np.ones((samples, 1)), every), np.ones((samples, 1)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [30, 3000, 9000])
 def test_fourier_transforms_and_matrices_make_the_same_rows(samples):
     by = RowFilter(0.02)

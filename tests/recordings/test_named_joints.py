@@ -43,6 +43,7 @@ def assert_is_read(file):
 STRUCTURE = [("t", object), ("state", object), ("tau", object)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [30, 130])
 def test_a_structure_for_each_sample_is_a_row(tmp_path, samples):
     """MATLAB's ``log(k).q = ...`` makes one; few are structures of joints."""

@@ -157,6 +157,7 @@ def test_of_several_topics_the_measured_one_with_effort_is_taken(save):
     assert len(read_recording(path, JOINTS)) == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("topic", ["/sim/joint_states", "/joint_commands", "/model"])
 def test_the_only_effort_is_not_that_of_a_simulation_or_of_commands(save, topic):
     bare = [(stamp, names, q, v, []) for stamp, names, q, v, _ in states(7)]

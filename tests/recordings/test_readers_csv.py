@@ -374,6 +374,7 @@ def test_free_text_with_points_stands_beside_decimal_commas(tmp_path):
     np.testing.assert_array_equal(log.time, [0.5, 1.5])
 
 
+@pytest.mark.slow
 def test_a_fault_in_the_last_row_of_a_long_log_is_found(tmp_path):
     rows = "".join(f"{k},{k}.5,x\n" for k in range(20_000))
     text = "time,q_elbow,note\n" + rows

@@ -33,6 +33,7 @@ def from_messages(content, joints=JOINTS, columns=JOINT_STATE):
     return recording_of_messages(content, joints, columns, LogName("log", "log"), 1.0)
 
 
+@pytest.mark.slow
 @settings(derandomize=True, deadline=None, max_examples=40)
 @given(st.data())
 def test_the_order_of_joints_may_change_from_message_to_message(data):

@@ -191,6 +191,7 @@ def test_a_pose_with_jittered_stamps_is_differentiated_by_its_own_times(tmp_path
     assert np.allclose(base.specific_force[inside, 2], up[inside], atol=5e-3)
 
 
+@pytest.mark.slow
 def test_slower_topics_are_named_with_the_frequency_that_they_allow(tmp_path, caplog):
     topics = {"/joint_states": joints(), "/imu": imu(50.0)}
     read(ros.write_mcap(tmp_path / "bag", topics), base=UNIT)
@@ -240,6 +241,7 @@ def test_faulty_names_are_told(tmp_path, name, message):
         read(path, base=replace(UNIT, angular_velocity=name))
 
 
+@pytest.mark.slow
 def test_kinds_that_the_bag_defines_are_read(tmp_path):
     types = get_typestore(Stores.ROS2_HUMBLE)
     text = "std_msgs/Header header\nfloat32[4] force\n"

@@ -50,6 +50,7 @@ def test_a_recording_is_cut_after_the_last_sample_before_each_gap(steps):
     assert cut(signals.split_at_gaps, log, 0.5) == near
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(st.data(), STEPS)
 def test_only_masked_samples_are_left_out_and_no_run_reaches_across_one(data, steps):
@@ -73,6 +74,7 @@ def test_a_part_lasts_from_its_first_sample_to_its_last(shortest, count):
     assert len(signals.split_at_gaps(log, 0.5, shortest=shortest)) == count
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(STEPS, st.sampled_from([0.0, 0.25, 0.5, 1.0]), st.sampled_from([1.0, 1.5, 3.0]))
 def test_trimming_keeps_both_times_that_it_names(steps, start, stop):

@@ -62,6 +62,7 @@ def test_friction_cancels_whatever_its_law(arm):
     assert len(mean) == pytest.approx(len(log) / 2, abs=2)
 
 
+@pytest.mark.slow
 def test_gravity_alone_tells_masses_times_centres(arm):
     """Without velocity and acceleration: what inertia adds on slow motion is small."""
     log, _ = logged(arm, late=0.37)
@@ -115,6 +116,7 @@ def test_torque_is_known_where_it_is_known_both_times(arm):
     assert set(zip(*np.nonzero(~mean.torque_known), strict=True)) == unknown
 
 
+@pytest.mark.slow
 def test_a_robot_that_waits_does_not_turn_there(arm):
     """About any sample of a rest, motion is most symmetric."""
     log, _ = logged(arm)

@@ -70,6 +70,7 @@ def test_a_track_is_read_by_the_names_of_its_columns(folder):
         read_track(folder / "imu.csv", ["elbow"], "acceleration", "ddq_{joint}")
 
 
+@pytest.mark.slow
 def test_a_problem_brings_two_clocks_to_the_slower_and_takes_out_the_delay(folder):
     (log,) = _problem(folder, IMU).training
     assert log.rate == pytest.approx(300.0)

@@ -93,6 +93,7 @@ def test_a_cutoff_that_lets_noise_through_is_warned_of(cutoff, found):
         assert "instrumental_variables" in warning.advice
 
 
+@pytest.mark.slow
 def test_noise_that_hardly_biases_the_torque_is_a_note():
     log, _ = _logged()
     speed = np.gradient(log.position[:, 0], log.time)[:, None]

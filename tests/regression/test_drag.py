@@ -67,6 +67,7 @@ def test_the_proven_torque_is_that_of_the_fastest_instant():
     assert -most * 1.001 <= bounds.lowest[0] <= -most
 
 
+@pytest.mark.slow
 def test_a_motion_is_designed_with_drag_and_its_torque_is_proven():
     one = np.ones(2)
     limits = MotionLimits(

@@ -193,6 +193,7 @@ def test_the_proven_torque_of_an_own_term_holds_and_is_tight(term):
     assert (bounds.highest <= bounds.most + 1e-3 * effort).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("term", [Cogging(), Rounded()])
 def test_a_smooth_term_or_one_with_a_stand_in_is_designed_with(term):
     model = TorqueModel(ARM, DriveTerms(viscous=True, terms=[term]))

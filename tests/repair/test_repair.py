@@ -92,6 +92,7 @@ def test_the_nearest_body_turns_with_the_frame():
     assert np.allclose(turn @ first @ turn.T, second, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("new", "fault"),
     [

@@ -80,6 +80,7 @@ def experiment():
     )
 
 
+@pytest.mark.slow
 def test_names_cannot_become_markup(experiment):
     html = comparison_html(
         experiment.comparison,

@@ -37,6 +37,7 @@ def leaders_to_joints(path, model):
     return G, b
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "path", some_fast(FILES, len(FILES) // 6), ids=lambda path: path.stem
 )

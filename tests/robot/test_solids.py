@@ -42,6 +42,7 @@ def test_the_ellipsoid_around_a_stretched_cube_stretches_with_it():
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**31))
 def test_the_ellipsoid_contains_every_point_and_touches_some(seed):

@@ -162,6 +162,7 @@ def test_feedback_is_not_late(leg, tmp_path):
     assert data.actuator_force[k] == pytest.approx(-40.0 * 0.1 - 2.0 * 0.2)
 
 
+@pytest.mark.slow
 def test_the_buffer_holds_the_delay_at_the_step_of_the_file(leg, tmp_path):
     for delay in (1e-4, 5e-4, DELAY):
         out = tmp_path / f"{delay:g}.xml"

@@ -90,6 +90,7 @@ def test_a_refinement_of_bodies_takes_the_step_that_lowers_its_errors(tmp_path):
     assert left == sorted(left) and left[0] < 0.42 and left[-1] < 0.97
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "taken"), [(1.01, True), (1.2, False)])
 def test_motors_are_equal_unless_their_own_are_worth_it(
     tmp_path, monkeypatch, share, taken

@@ -80,6 +80,7 @@ def test_a_step_to_a_motion_that_diverges_is_halved():
     assert x == 0.5 and size == 0.5
 
 
+@pytest.mark.slow
 def test_a_motion_that_diverges_is_an_error_and_mujoco_writes_nothing(
     problem, tmp_path, monkeypatch, capfd
 ):

@@ -68,6 +68,7 @@ def test_covariance_is_that_of_the_difference(detector):
     assert correlation[1, 2] == pytest.approx(0.3, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_step_is_found_at_once_and_by_the_stated_threshold(detector):
     log = noise(20.0, 4)
     threshold = detector.along(log).threshold[-1]
@@ -141,6 +142,7 @@ def test_samples_that_are_not_free_are_not_learned():
     assert ContactDetector.fit([touched]).covariance[2, 2] > 10 * clean.covariance[2, 2]
 
 
+@pytest.mark.slow
 def test_a_push_that_moves_a_resting_arm_does_not_hide_itself():
     rng = np.random.default_rng(12)
     log = noise(60.0, 12)

@@ -56,6 +56,7 @@ def test_gains_are_those_of_the_simulated_drives(found):
     np.testing.assert_array_equal(found.stated, STATED)
 
 
+@pytest.mark.slow
 def test_the_table_states_what_the_problem_file_needs(found):
     table = found.table()
     assert {row[-1] for row in table.rows} <= {"off", "not off"}

@@ -71,6 +71,7 @@ def test_a_load_is_weighed_in_the_frame_of_the_flange(found):
     assert not found.inertia_open
 
 
+@pytest.mark.slow
 def test_the_tool_s_frame_is_that_of_the_file(found):
     turned = pin.SE3(pin.rpy.rpyToMatrix(0, 0, np.pi / 2), np.array([0, 0, 0.2]))
     expected = turned.actInv(found.in_flange.body.com)

@@ -52,6 +52,7 @@ def test_what_was_not_used_for_longest_goes_first(counted):
     assert len(calls) == 5  # the second had gone
 
 
+@pytest.mark.slow
 def test_nothing_is_kept_of_what_is_gone(counted):
     rows, calls = counted
     log = Log()

@@ -264,6 +264,7 @@ def test_arrow_never_has_a_whole_log_in_memory(tmp_path):
     np.testing.assert_array_equal(recording.position[:, 1], table["q_19"])
 
 
+@pytest.mark.slow
 def test_a_model_of_more_than_32_mib_is_refused(tmp_path):
     (tmp_path / "robot.urdf").write_bytes(b"<robot>" + b" " * (33 * 2**20))
     with pytest.raises(ModelError, match=f"at most 32 MiB.*{LARGE}"):

@@ -146,6 +146,7 @@ def test_a_velocity_that_a_move_leaves_alone_needs_no_motion(begun):
     assert stribeck_passed(ModelMove("spring", "", having, spring), np.zeros(2))
 
 
+@pytest.mark.slow
 def test_no_width_of_friction_moves_a_stribeck_velocity_past_the_motion(begun):
     evaluator, plain = begun.evaluator, begun.plain
     speeds = evaluator.samples(plain.choice.motion_cutoff).top_speeds

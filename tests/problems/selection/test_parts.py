@@ -98,6 +98,7 @@ def test_stamps_that_jitter_in_step_with_the_sampling_are_no_motion():
     assert velocity_edge(log) == pytest.approx(1.5, abs=0.08)
 
 
+@pytest.mark.slow
 def test_a_joint_that_carries_next_to_nothing_has_no_load_friction(tmp_path):
     urdf, log = write_arm(tmp_path)
     text = urdf.read_text().replace('<mass value="2"/>', '<mass value="0.002"/>')

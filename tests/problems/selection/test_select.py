@@ -184,6 +184,7 @@ def test_an_interrupted_search_says_so_and_keeps_the_best_so_far(tmp_path, monke
     assert "interrupted: this is the best choice so far" in selection.notes
 
 
+@pytest.mark.slow
 def test_what_cannot_be_chosen_is_refused(tmp_path):
     problem = draft_problem(*written(tmp_path), select=False, cutoff=10.0).problem()
     with pytest.raises(ProblemError, match="fixed: colour unknown; expected some of"):

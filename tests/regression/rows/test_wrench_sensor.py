@@ -88,6 +88,7 @@ def test_the_tools_parameters_and_the_bias_are_recovered(arm):
     assert np.allclose(found.parameters, [*TOOL.vector, *BIAS], rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_with_noise_errors_are_what_they_are_said_to_be(arm):
     model = tool_model(nominal=TOOL)
     log = log_of(arm, 4000, noise=0.2)
@@ -209,6 +210,7 @@ def test_a_tool_that_changes_within_a_recording_scatters_between_its_blocks(arm)
     assert plain.beyond < 1.2 and between.beyond > 1.5
 
 
+@pytest.mark.slow
 def test_without_drift_rows_hold_what_a_bias_column_leaves(arm):
     """Frisch, Waugh and Lovell: the same estimate, errors and noise."""
     noise = np.repeat([0.2, 0.01], 3)  # of forces and moments
