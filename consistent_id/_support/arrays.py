@@ -25,11 +25,21 @@ def frozen(
 ) -> Array:
     """Return a read-only float64 copy of `values`, of the given shape and finite.
 
-    A ``None`` in `shape` stands for any length.
+    A ``None`` in `shape` stands for any length.  What is such a copy already is
+    returned as it is.
     """
-    array = checked(values, shape, what, error, finite).copy()
+    array = checked(values, shape, what, error, finite)
+    if _is_frozen(array):
+        return array
+    array = array.copy()
     array.setflags(write=False)
     return array
+
+
+def _is_frozen(array: Array) -> bool:
+    """Return whether an array is read-only, and no view of one that is not."""
+    flags = array.flags
+    return flags.owndata and flags.c_contiguous and not flags.writeable
 
 
 def freeze(value: object, **fields: object) -> None:

@@ -39,6 +39,9 @@ _P = ParamSpec("_P")
 
 Kind = Literal["serial", "processes", "dask"]
 
+FEW_SAMPLES = 1_000_000
+"""Samples of logs: for more, a second process at work would need too much memory."""
+
 
 @dataclass(frozen=True, slots=True)
 class Executor:
@@ -222,6 +225,25 @@ def beside(
     else:  # libraries of other systems may break in a copy of a process
         with processes(call, 1) as workers:
             yield HandedTask(workers, task).result
+
+
+def in_halves(function: Callable[[_T], _R], tasks: Sequence[_T]) -> list[_R]:
+    """Return the result of each task; `beside` does the second half of them.
+
+    Examples
+    --------
+    >>> in_halves(abs, [-1, 2, -3])
+    [1, 2, 3]
+    """
+
+    def each(some: Sequence[_T]) -> list[_R]:
+        return [function(task) for task in some]
+
+    middle = (len(tasks) + 1) // 2
+    if middle == len(tasks):
+        return each(tasks)
+    with beside(each, tasks[middle:]) as others:
+        return each(tasks[:middle]) + others()
 
 
 @contextmanager

@@ -7,10 +7,15 @@ scale of one position, as of an encoder at the motor.  If one such scale explain
 than all of them, it has fewer numbers, too, and stands in their place.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
-from consistent_id._support.executors import single_threaded
+from consistent_id._support.executors import (
+    FEW_SAMPLES,
+    beside,
+    in_halves,
+    single_threaded,
+)
 from consistent_id._support.given_values import require_type, require_types
 from consistent_id.constraints import Constraint
 from consistent_id.diagnosis.another_robot import of_usual_size, other_robot
@@ -165,10 +170,15 @@ def diagnose(
     if model.robot.floating:
         return _of_signals(model.robot, found, [*training, *validation])
     base = base_parameters(model) if base is None else base
+
+    def alone(log: Recording) -> list[LogFinding] | OpenLog:
+        own = log.of(model.robot.joint_names)
+        return findings_of(model, own, constraints, base, rows, limits, training)
+
     open_: list[OpenLog] = []
-    for k, recording in enumerate(looked_at):
-        log = recording.of(model.robot.joint_names)
-        of_one = findings_of(model, log, constraints, base, rows, limits, training)
+    few = sum(map(len, looked_at)) <= FEW_SAMPLES
+    each = in_halves(alone, looked_at) if few else map(alone, looked_at)
+    for k, (log, of_one) in enumerate(zip(looked_at, each, strict=True)):
         if k >= len(training):
             of_one = _of_validation(of_one)
         if isinstance(of_one, OpenLog):
@@ -393,23 +403,23 @@ def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
         return []
     recordings, stated = [log.recording for log in logs], logs[0].constraints
     as_is = FactorLogs.of(model, recordings, masses_known=masses_known(stated))
-    changed = []
-    found: list[LogFinding] = []
-    if bodies_known(model):
-        changed = change_findings(as_is)
-        if any(f.severity == "fault" for f in changed):
-            return changed  # no factor is the same in all samples
+    if not bodies_known(model):
+        return free_clock_findings(as_is)
+    changed = change_findings(as_is)
+    if any(f.severity == "fault" for f in changed):
+        return changed  # no factor is the same in all samples
+    with beside(free_clock_findings, as_is) as clock:
         found = whole_robot_findings(as_is)
-    return [*_with_free_clock(as_is, found), *changed]
+        return [*_with_free_clock(clock, found), *changed]
 
 
 def _with_free_clock(
-    as_is: FactorLogs, found: Sequence[LogFinding]
+    free_clock: Callable[[], list[LogFinding]], found: Sequence[LogFinding]
 ) -> Sequence[LogFinding]:
     """Add a clock that free bodies show; as a fault it takes the place of warnings."""
     if any(f.severity == "fault" for f in found):
         return found
-    clock = free_clock_findings(as_is)
+    clock = free_clock()
     if any(f.severity == "fault" for f in clock):
         return [*clock, *(f for f in found if f.severity == "note")]
     return [*clock, *(f for f in found if not clock or f.kind != "clock")]

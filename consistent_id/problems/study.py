@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from consistent_id._support.executors import beside
+from consistent_id._support.executors import FEW_SAMPLES, beside
 from consistent_id._support.progress import stages
 from consistent_id._support.tables import brief
 from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
@@ -271,7 +271,7 @@ class Study(StudyFits):
             samples = sum(len(recording.time) for recording in self.training)
             with (
                 beside(check_problem, self._recorded)
-                if self._recorded is not None and samples <= _FEW_SAMPLES
+                if self._recorded is not None and samples <= FEW_SAMPLES
                 else nullcontext()
             ) as diagnosis:
                 check = diagnosis or self._checked
@@ -401,8 +401,6 @@ def _says_more(stated: Verdict | None, found: Verdict) -> bool:
     shared = tuple(r for r in stated.reasons if r in found.reasons or r.word != "use")
     return replace(stated, reasons=shared) == found
 
-
-_FEW_SAMPLES = 1_000_000  # more are not copied to another process
 
 _FITS = {
     "weight of the prior": "path",

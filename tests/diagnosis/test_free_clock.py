@@ -1,6 +1,7 @@
 """The clock beside free bodies: no nominal body tells how fast it runs."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -100,14 +101,13 @@ def test_a_clock_beyond_all_that_are_tried_is_not_given_another_speed(factor):
         ("warning", ["clock", "gravity", "hidden zero"]),
     ],
 )
-def test_a_clock_that_is_a_warning_takes_no_others_place(severity, kinds, monkeypatch):
+def test_a_clock_that_is_a_warning_takes_no_others_place(severity, kinds):
     def said(kind, severity):
         return LogFinding(kind, severity, "somewhere", "", "", 1.0)
 
     found = [said("gravity", "warning"), said("hidden zero", "note")]
     clock = [said("clock", severity)]
-    monkeypatch.setattr(all_logs, "free_clock_findings", lambda _: clock)
-    after = all_logs._with_free_clock(None, found)
+    after = all_logs._with_free_clock(lambda: clock, found)
     assert [f.kind for f in after] == kinds
 
 
@@ -149,15 +149,14 @@ def test_a_clock_is_named_if_it_is_sure_and_a_fault_if_it_is_harmful(
     assert said == ([] if severity is None else [severity])
 
 
-def test_a_fault_beside_nominal_bodies_is_kept(monkeypatch):
+def test_a_fault_beside_nominal_bodies_is_kept():
     clock = LogFinding("clock", "fault", "time", "slow", "check it")
-    monkeypatch.setattr(all_logs, "free_clock_findings", lambda _: [clock])
     zero = LogFinding("offset zero", "fault", "joint1", "off", "check it")
     doubt = replace(zero, severity="warning")
-    assert all_logs._with_free_clock(None, [zero]) == [zero]
-    assert all_logs._with_free_clock(None, [doubt]) == [clock]
-    monkeypatch.setattr(all_logs, "free_clock_findings", lambda _: [])
-    assert all_logs._with_free_clock(None, [doubt]) == [doubt]
+    needless = partial(pytest.fail, "the clock is not asked for")
+    assert all_logs._with_free_clock(needless, [zero]) == [zero]
+    assert all_logs._with_free_clock(lambda: [clock], [doubt]) == [clock]
+    assert all_logs._with_free_clock(list, [doubt]) == [doubt]
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from consistent_id.estimation.method import Method
 from consistent_id.problems import problem_estimates as estimates_module
 from consistent_id.problems import study as study_module
 from consistent_id.problems import study_fits as fits_module
+from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.study import Study, _explain, run_study
 
 PARTS = (
@@ -183,3 +184,11 @@ def test_recordings_that_another_process_checks_have_the_same_diagnosis():
     here = run_study(problem, costs=False)
     assert beside.diagnosis.findings and beside.diagnosis == here.diagnosis
     assert beside.answer() == here.answer()
+
+
+@pytest.mark.slow
+def test_a_check_that_two_processes_share_finds_the_same():
+    problem = load_problem("problems/kuka_kr300")
+    with running(Run(beside=True)):
+        shared = check_problem(problem)
+    assert shared.findings and shared == check_problem(problem)

@@ -19,6 +19,7 @@ from consistent_id._support import executors
 from consistent_id._support.executors import (
     Executor,
     beside,
+    in_halves,
     single_threaded,
     tree_reduced,
 )
@@ -261,6 +262,16 @@ def test_work_beside_is_done_by_another_process_and_equals_to_the_last_bit():
             process, large, factor = result()
     assert process != os.getpid() and large
     assert np.array_equal(factor, _factor(3))
+
+
+@pytest.mark.parametrize(("count", "here"), [(5, 3), (2, 1), (1, 1), (0, 0)])
+def test_another_process_does_the_second_half_of_tasks(count, here):
+    with running(Run(beside=True)):
+        done = in_halves(_whose, range(count))
+    own = [process == os.getpid() for process, *_ in done]
+    assert own == [True] * here + [False] * (count - here)
+    for task, (*_, factor) in enumerate(done):
+        assert np.array_equal(factor, _factor(task))
 
 
 def test_without_a_core_to_spare_work_beside_is_done_here_when_it_is_needed():

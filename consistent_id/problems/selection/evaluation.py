@@ -365,8 +365,6 @@ def _drive(A: Array, b: Matrix, nonnegative: BoolArray) -> Matrix:
     b : ndarray, shape (folds, rows)
     nonnegative : ndarray of bool, shape (columns,)
     """
-    from scipy.optimize import nnls
-
     n = A.shape[2]
     norms = np.linalg.norm(A, axis=1)
     seen = norms > UNSEEN * np.linalg.norm(b, axis=1)[:, None]
@@ -377,8 +375,13 @@ def _drive(A: Array, b: Matrix, nonnegative: BoolArray) -> Matrix:
     sizes = abs(np.diagonal(R[:, :n, :n], axis1=1, axis2=2))
     fine = sizes.min(axis=1, initial=1.0) > _RANK
     y[fine] = np.linalg.solve(R[fine, :n, :n], R[fine, :n, n:])[:, :, 0]
+    wrong = np.flatnonzero(~fine | (y[:, nonnegative] < 0.0).any(axis=1))
+    if not len(wrong):
+        return y / unit
+    from scipy.optimize import nnls  # its import takes longer than all else here
+
     free = np.flatnonzero(~nonnegative)
-    for fold in np.flatnonzero(~fine | (y[:, nonnegative] < 0.0).any(axis=1)):
+    for fold in wrong:
         columns = R[fold, :n, :n]
         z, _ = nnls(np.column_stack([columns, -columns[:, free]]), R[fold, :n, n])
         y[fold] = z[:n]

@@ -16,6 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
+from consistent_id._support.caches import kept_with
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion, ContactFlags
 from consistent_id.recordings.recording import Recording, TorqueFilter
@@ -291,7 +292,9 @@ def altered(
     if behind is None:
         return change(recording)
     require_unchanged(recording)
-    return _through(recording, replace(behind, source=change(behind.source)))
+    changed = change(behind.source)
+    torque = recording.torque if changed.torque is behind.source.torque else None
+    return _through(recording, replace(behind, source=changed), torque)
 
 
 def counting(recording: Recording, rows: BoolArray) -> Recording:
@@ -355,8 +358,16 @@ def around(behind: TorqueFilter, marked: BoolArray) -> IntArray:
     return np.asarray(near[inside], dtype=np.intp)
 
 
-def _through(recording: Recording, behind: TorqueFilter) -> Recording:
-    """Return the kept samples of a source, its torque and wrenches filtered."""
+def _through(
+    recording: Recording, behind: TorqueFilter, torque: Matrix | None = None
+) -> Recording:
+    """Return the kept samples of a source, its torque and wrenches filtered.
+
+    Parameters
+    ----------
+    torque : ndarray, shape (samples, joints), optional
+        The filtered torque, if it is known.
+    """
     source, kept = behind.source, behind.kept
     uniform_rate(source)
     part = replace(source, torque_filter=behind, name=recording.name)
@@ -366,7 +377,8 @@ def _through(recording: Recording, behind: TorqueFilter) -> Recording:
     through = row_filter(part)
     channels = {}
     if source.torque is not None:
-        channels["torque"] = through(source.torque, kept)
+        known = torque is not None
+        channels["torque"] = torque if known else through(source.torque, kept)
     wrenches = tuple(
         replace(own, values=through(whole.values, kept))
         for own, whole in zip(part.wrenches, source.wrenches, strict=True)
@@ -374,6 +386,7 @@ def _through(recording: Recording, behind: TorqueFilter) -> Recording:
     return replace(part, wrenches=wrenches, **channels)  # type: ignore[arg-type]
 
 
+@kept_with(0, most=64)  # what was altered once is altered again
 def require_unchanged(recording: Recording) -> None:
     """Refuse a filtered recording that is no longer what its source makes of it.
 
