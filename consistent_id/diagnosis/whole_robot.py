@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.executors import in_halves
 from consistent_id.diagnosis.factor_findings import (
     FARTHEST,
     LIKELY,
@@ -100,7 +101,7 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
     cost = least_costs(as_is)[0] if likely else 0.0
     likely = [f for f in worth_a_look(as_is, likely, cost) if _sure(as_is, f)]
     likely = sorted(likely, key=lambda f: -f.explained)[:_TRIED]
-    settled = [_settled(as_is, found, cost) for found in likely]
+    settled = in_halves(lambda found: _settled(as_is, found, cost), likely)
     rest = [f for f in first if f not in likely]
     found = [replace(f, cost=cost) for f in (*settled, *rest)]
     return sorted(_weighed(as_is, found), key=lambda f: -f.explained)

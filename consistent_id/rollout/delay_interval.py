@@ -18,6 +18,7 @@ from functools import partial
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.executors import in_halves
 from consistent_id.errors import ConsistentIdError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.problem import Problem
@@ -79,8 +80,7 @@ def delay_interval(
         return None
     around = [found.delay - _APART, found.delay, found.delay + _APART]
     ends = [own]
-    for squares in others:
-        other = found_delay(squares, around, most)
+    for other in in_halves(lambda kind: found_delay(kind, around, most), others):
         near = other.at_bound or abs(other.delay - found.delay) < _FURTHEST
         if other.interval is None or not near:
             return None
