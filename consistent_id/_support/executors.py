@@ -195,7 +195,7 @@ class Executor:
 
 @contextmanager
 def beside(
-    function: Callable[[_T], _R], task: _T
+    function: Callable[[_T], _R], task: _T, *, short: bool = False
 ) -> Generator[Callable[[], _R], None, None]:
     """Yield how to get the result of work that another process does meanwhile.
 
@@ -208,6 +208,9 @@ def beside(
         At the top level of a module.
     task : object
         Its argument.
+    short : bool
+        The work takes no longer than a new process takes to begin: it is done here
+        where no copy of this process can do it.
 
     Examples
     --------
@@ -217,18 +220,18 @@ def beside(
     """
     run = current_run()
     call = Call(function, replace(run, inputs=set(), executor="", beside=False))
-    if not run.beside:
-        yield lambda: function(task)
-    elif sys.platform == "linux" and not _openmp():
+    if run.beside and sys.platform == "linux" and not _openmp():
         with _in_a_copy(call, task) as result:
             yield result
+    elif short or not run.beside:
+        yield lambda: function(task)
     else:  # libraries of other systems may break in a copy of a process
         with processes(call, 1) as workers:
             yield HandedTask(workers, task).result
 
 
 def in_halves(function: Callable[[_T], _R], tasks: Sequence[_T]) -> list[_R]:
-    """Return the result of each task; `beside` does the second half of them.
+    """Return the result of each short task; `beside` does the second half of them.
 
     Examples
     --------
@@ -242,7 +245,7 @@ def in_halves(function: Callable[[_T], _R], tasks: Sequence[_T]) -> list[_R]:
     middle = (len(tasks) + 1) // 2
     if middle == len(tasks):
         return each(tasks)
-    with beside(each, tasks[middle:]) as others:
+    with beside(each, tasks[middle:], short=True) as others:
         return each(tasks[:middle]) + others()
 
 

@@ -408,7 +408,7 @@ def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
     changed = change_findings(as_is)
     if any(f.severity == "fault" for f in changed):
         return changed  # no factor is the same in all samples
-    with beside(free_clock_findings, as_is) as clock:
+    with beside(free_clock_findings, as_is, short=True) as clock:
         found = whole_robot_findings(as_is)
         return [*_with_free_clock(clock, found), *changed]
 

@@ -264,6 +264,7 @@ def test_work_beside_is_done_by_another_process_and_equals_to_the_last_bit():
     assert np.array_equal(factor, _factor(3))
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="no copies of a process")
 @pytest.mark.parametrize(("count", "here"), [(5, 3), (2, 1), (1, 1), (0, 0)])
 def test_another_process_does_the_second_half_of_tasks(count, here):
     with running(Run(beside=True)):
@@ -318,7 +319,10 @@ def test_beside_blas_with_openmp_no_process_is_a_copy(monkeypatch):
         patch.setattr(executors, "_in_a_copy", copied)
         with beside(_name_of, "work") as result:
             process, name = result()
+        with beside(_name_of, "short work", short=True) as result:
+            here, _ = result()
     assert process != os.getpid() and name == "work"
+    assert here == os.getpid()
 
 
 def test_an_error_meanwhile_does_not_wait_for_work_beside():
