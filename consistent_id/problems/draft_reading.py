@@ -12,6 +12,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from consistent_id._support.executors import in_halves
 from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
 from consistent_id.problems.draft_rows import (
@@ -230,11 +231,12 @@ def poor_velocity(reading: DraftReading, stated: Statement) -> str | None:
     model = TorqueModel(logs.robot, terms, torque_joints=measured)
     top = usual_cutoff(parts)
     bare = [replace(part, velocity=None) for part in parts]
+
+    def left_out_error(logs: Sequence[Recording]) -> float:
+        return float(_chosen(model, logs, reading.clock, top, _COMPARED).error.min())
+
     try:
-        with_it, without = (
-            float(_chosen(model, each, reading.clock, top, _COMPARED).error.min())
-            for each in (parts, bare)
-        )
+        with_it, without = in_halves(left_out_error, [parts, bare])
     except ConsistentIdError:
         return None
     if with_it <= _WORSE * without:
