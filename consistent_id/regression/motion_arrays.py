@@ -37,14 +37,14 @@ from consistent_id.regression.rows.contact_maps import (
 PIECE = 4 * CHUNK
 """Samples that one worker compresses before factors are merged."""
 
-_KEPT = 2**26
+_KEPT = 2**28
 """Bytes of a recording's filtered rows that are kept for the next pass over it: those
-of a robot on its feet, 15 s at 30 Hz, are a little fewer.
+of a robot on its feet, 90 s at 30 Hz, are a few less.
 """
 
-_ALL_KEPT = 3 * _KEPT  # the same of all recordings at a time
+_ALL_KEPT = 2 * _KEPT  # the same of all recordings at a time
 
-_SMALL = _KEPT // 4
+_SMALL = 2**24
 """Bytes of rows, at most, that are kept for recordings of equal motion: with another
 torque, such as with a delay or without springs, rows are the same.
 """
@@ -425,7 +425,7 @@ def _size(rows: Sequence[Matrix]) -> int:
     return sum(block.nbytes for block in rows)
 
 
-@kept_with(None, most=8, room=_KEPT, size=_size)
+@kept_with(None, most=8, room=4 * _SMALL, size=_size)
 def _equal_blocks(
     model: TorqueModel, motion: _RowsOfMotion, columns: tuple[bytes, ...]
 ) -> list[Matrix]:
