@@ -11,13 +11,13 @@ import pickle
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, wraps
-from itertools import accumulate
+from itertools import accumulate, count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal, ParamSpec, Self, TypeVar, get_args
+from typing import Any, Literal, ParamSpec, Self, TypeVar, cast, get_args
 from warnings import catch_warnings, simplefilter
 
 from consistent_id._support.run import current_run, interrupts_ignored
@@ -220,12 +220,12 @@ def beside(
     """
     run = current_run()
     call = Call(function, replace(run, inputs=set(), executor="", beside=False))
-    if run.beside and sys.platform == "linux" and not _openmp():
+    if run.beside and _can_be_copied():
         with _in_a_copy(call, task) as result:
             yield result
     elif short or not run.beside:
         yield lambda: function(task)
-    else:  # libraries of other systems may break in a copy of a process
+    else:
         with processes(call, 1) as workers:
             yield HandedTask(workers, task).result
 
@@ -250,6 +250,91 @@ def in_halves(function: Callable[[_T], _R], tasks: Sequence[_T]) -> list[_R]:
 
 
 @contextmanager
+def companion(
+    function: Callable[[_T], _R],
+) -> Iterator[Callable[[_T], Callable[[], _R]] | None]:
+    """Yield how to hand tasks to a copy of this process, and how to get each result.
+
+    It is None where no copy can be made.
+
+    The copy stays until the end, and keeps what it computes, so that many short tasks
+    do not each begin one.  It does one after another.  Results are taken in this order,
+    or not at all.  If the copy fails or is killed, tasks are done here.
+    """
+    run = current_run()
+    if not (run.beside and _can_be_copied()):
+        yield None
+        return
+    from multiprocessing import get_context
+
+    fork = get_context("fork")
+    call = Call(function, replace(run, inputs=set(), executor="", beside=False))
+    here, there = fork.Pipe()
+    copy = fork.Process(target=_serve, args=(call, here, there), daemon=True)
+    if not _begun(copy):
+        yield None
+        return
+    there.close()  # else its end would not be seen here
+    numbers, owner = count(), os.getpid()
+
+    def handed(task: _T) -> Callable[[], _R]:
+        if os.getpid() != owner:  # another copy must not read from the same pipe
+            return lambda: function(task)
+        number = next(numbers)
+        with suppress(OSError):
+            here.send((number, task))
+
+        def result() -> _R:
+            answered, done, found = -1, False, cast(_R, None)
+            with suppress(EOFError, OSError):
+                while answered < number:  # nobody asked for earlier ones
+                    answered, done, found = here.recv()
+            return found if done and answered == number else function(task)
+
+        return result
+
+    try:
+        yield handed
+    finally:
+        copy.kill()
+        copy.join()
+        here.close()
+
+
+def _serve(call: "Call", here: Any, there: Any) -> None:
+    """Do tasks that come through a pipe, until its other end is closed."""
+    here.close()
+    while True:
+        try:
+            number, task = there.recv()
+        except (EOFError, OSError):
+            os._exit(0)
+        try:
+            answer = number, True, call(task)
+        except BaseException:
+            answer = number, False, None
+        there.send(answer)
+
+
+def _can_be_copied() -> bool:
+    """Return whether a copy of this process can work; elsewhere libraries may break."""
+    return sys.platform == "linux" and not _openmp()
+
+
+def _begun(copy: Any) -> bool:
+    """Begin a copy of this process; return False if there can be no more of them."""
+    with interrupts_ignored(), catch_warnings():
+        # Python warns of other threads: those of BLAS, which survive it, and idle
+        # ones of libraries that the work does not use.
+        simplefilter("ignore", DeprecationWarning)
+        try:
+            copy.start()
+        except (OSError, AssertionError):  # no more processes, or none of a daemon
+            return False
+    return True
+
+
+@contextmanager
 def _in_a_copy(call: "Call", task: Any) -> Iterator[Callable[[], Any]]:
     """Yield how to get the result of a copy of this process.
 
@@ -263,16 +348,7 @@ def _in_a_copy(call: "Call", task: Any) -> Iterator[Callable[[], Any]]:
         copy = get_context("fork").Process(
             target=_write_result, args=(call, task, path), daemon=True
         )
-        with interrupts_ignored(), catch_warnings():
-            # Python warns of other threads: those of BLAS, which survive it, and idle
-            # ones of libraries that the work does not use.
-            simplefilter("ignore", DeprecationWarning)
-            begun = True
-            try:
-                copy.start()
-            except (OSError, AssertionError):  # no more processes, or none of a daemon
-                begun = False
-        if not begun:
+        if not _begun(copy):
             yield lambda: call.function(task)
             return
 

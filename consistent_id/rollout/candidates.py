@@ -4,21 +4,26 @@ The faster part of the training motion is predicted by the fit to the slower one
 the slower part by the fit to the faster one; both count alike.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.executors import companion
 from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.problems.problem import Problem
 from consistent_id.rollout.motion_parts import slow_and_fast
 from consistent_id.rollout.settings import (
     BLOCKS_OF_PART,
     Settings,
-    squares_of_parts,
+    squares_of_part,
     with_settings,
 )
+
+_Handed = Callable[[Settings], Callable[[], Vector]]
 
 
 class Candidates:
@@ -43,6 +48,16 @@ class Candidates:
         self.skipped: dict[str, None] = {}
         self.built = False
         self._squares: dict[Settings, Vector] = {}
+        self._beside: _Handed | None = None
+
+    @contextmanager
+    def in_two_processes(self) -> Iterator[None]:
+        """Let another process predict the slower part meanwhile, if it can."""
+        with companion(self._slow_part) as self._beside:
+            try:
+                yield
+            finally:
+                self._beside = None
 
     def squares(self, settings: Settings) -> Vector:
         """Return the sums of squared errors of blocks; infinite if it cannot be built.
@@ -50,12 +65,19 @@ class Candidates:
         Both parts count alike.
         """
         if settings not in self._squares:
+            slow, fast = self.parts
             try:
+                of_slow = None if self._beside is None else self._beside(settings)
                 made = with_settings(self.problem, settings)
-                found = squares_of_parts(made, self.parts)
+                of_fast = squares_of_part(made, slow, fast)
+                if of_slow is None:
+                    of_slow = partial(squares_of_part, made, fast, slow)
+                found = np.concatenate([of_fast, of_slow()])
                 self.built = True
             except ConsistentIdError as reason:
                 self.skipped[str(reason)] = None
+                found = np.full(2 * BLOCKS_OF_PART, np.inf)
+            if not np.isfinite(found).all():
                 found = np.full(2 * BLOCKS_OF_PART, np.inf)
             self._squares[settings] = found
             self.tried[settings] = float(np.sqrt(found.sum()))
@@ -83,3 +105,7 @@ class Candidates:
         return RecordingError(
             f"problem {self.problem.name!r}: {what}{seen and '. Seen: ' + seen}"
         )
+
+    def _slow_part(self, settings: Settings) -> Vector:
+        slow, fast = self.parts
+        return squares_of_part(with_settings(self.problem, settings), fast, slow)

@@ -126,25 +126,11 @@ def chosen_settings(
     gains_of(problem)
     candidates = Candidates(problem)
     error = candidates.error
-    groups = _sloped_groups(problem)
     if start is None:
         start = Settings(delay=problem.delay_of_commands)
     most = max(MOST, _BEYOND * start.delay)  # a stated delay is within the range
-    best = _started(start, groups, problem, error)
-    best = replace(best, delay=_delayed(best, candidates, [*FIRST, most], most).delay)
-    best = _with_terms(best, problem, error)
-    rested = _without_rests(best, problem, candidates, most)
-    best = min((_shaped(best, problem, error), rested), key=error)
-    best = _with_bodies(best, problem, candidates, most)
-    best = _with_motors(best, problem, candidates)
-    best = _with_slopes(best, groups, error)
-    best = with_springs(best, problem, error)
-    if refine:
-        best = _with_fewer_terms(best, problem, candidates)
-    near = [best.delay - NEAR, best.delay, best.delay + NEAR]
-    found = _delayed(best, candidates, near, most)
-    best = min((best, replace(best, delay=found.delay)), key=error)
-    found = replace(found, delay=best.delay)
+    with candidates.in_two_processes():
+        best, rested, found = _searched(problem, start, candidates, most, refine)
     if not np.isfinite(error(best)):
         raise candidates.none_found()
     others = other_frictions(problem, best, candidates)
@@ -161,6 +147,28 @@ def chosen_settings(
         )
     interval = delay_interval(found, others, most)
     return SettingsChoice(best, error(best), tried, found, tuple(skipped), interval)
+
+
+def _searched(
+    problem: Problem, start: Settings, candidates: Candidates, most: float, refine: bool
+) -> tuple[Settings, Settings, FoundDelay]:
+    """Return the best settings, the best without rows of slow joints, and the delay."""
+    error, groups = candidates.error, _sloped_groups(problem)
+    best = _started(start, groups, problem, error)
+    best = replace(best, delay=_delayed(best, candidates, [*FIRST, most], most).delay)
+    best = _with_terms(best, problem, error)
+    rested = _without_rests(best, problem, candidates, most)
+    best = min((_shaped(best, problem, error), rested), key=error)
+    best = _with_bodies(best, problem, candidates, most)
+    best = _with_motors(best, problem, candidates)
+    best = _with_slopes(best, groups, error)
+    best = with_springs(best, problem, error)
+    if refine:
+        best = _with_fewer_terms(best, problem, candidates)
+    near = [best.delay - NEAR, best.delay, best.delay + NEAR]
+    found = _delayed(best, candidates, near, most)
+    best = min((best, replace(best, delay=found.delay)), key=error)
+    return best, rested, replace(found, delay=best.delay)
 
 
 def _started(

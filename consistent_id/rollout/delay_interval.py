@@ -206,7 +206,7 @@ def _speed(logs: Sequence[Recording]) -> float:
 
 
 def _squares(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:
-    """Return `squares_of_parts` with friction that MuJoCo lacks as torque over time."""
+    """Return squares as `Candidates` do, with friction that MuJoCo lacks as torque."""
     logs, found = problem.logs("training"), []
     for learnt, other in (parts, parts[::-1]):
         estimate, _ = compared_fit(problem, within(problem.training, learnt))

@@ -397,17 +397,13 @@ def replay_errors(
     ]
 
 
-def squares_of_parts(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:
-    """Return the mean squared error of each part over its blocks, which add up."""
-    logs = problem.logs("training")
-    squares = []
-    for learnt, other in (parts, parts[::-1]):
-        estimate, _ = compared_fit(problem, within(problem.training, learnt))
-        try:
-            squares.append(block_squares(problem, estimate, within(logs, other)))
-        except RecordingError:  # it diverges: it was built, and is bad
-            return np.full(2 * BLOCKS_OF_PART, np.inf)
-    return np.concatenate(squares)
+def squares_of_part(problem: Problem, learnt: Spans, other: Spans) -> Vector:
+    """Return the squares of blocks of a part; infinite if its motion diverges."""
+    estimate, _ = compared_fit(problem, within(problem.training, learnt))
+    try:
+        return block_squares(problem, estimate, within(problem.logs("training"), other))
+    except RecordingError:  # it was built, and is bad
+        return np.full(BLOCKS_OF_PART, np.inf)
 
 
 def block_squares(

@@ -13,6 +13,7 @@ from schemas import parsed
 from shown import assert_reached
 
 from consistent_id import load_problem, to_mjcf
+from consistent_id._support.run import Run, running
 from consistent_id.cli import main
 from consistent_id.constraints import lowered
 from consistent_id.errors import ProblemError
@@ -164,6 +165,23 @@ def test_a_candidate_that_cannot_be_built_is_skipped_with_its_reason(folder, tmp
     assert candidates.error(Settings(friction_slope=("hip",))) == np.inf
     (reason,) = candidates.skipped
     assert "hip" in reason
+
+
+@pytest.mark.slow
+def test_two_processes_find_the_same_errors_of_candidates(folder):
+    problem = load_problem(folder)
+    every = [
+        Settings(cutoff=10.0),
+        Settings(cutoff=20.0, delay=0.004),
+        Settings(friction_slope=("no joint",)),  # it cannot be built
+        Settings(cutoff=20.0),
+    ]
+    shared, alone = Candidates(problem), Candidates(problem)
+    with running(Run(beside=True)), shared.in_two_processes():
+        found = [shared.squares(settings) for settings in every]
+    assert np.array_equal(found, [alone.squares(settings) for settings in every])
+    assert shared.skipped == alone.skipped and len(alone.skipped) == 1
+    assert np.isfinite(found).all(axis=1).tolist() == [True, True, False, True]
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ from consistent_id._support import executors
 from consistent_id._support.executors import (
     Executor,
     beside,
+    companion,
     in_halves,
     single_threaded,
     tree_reduced,
@@ -273,6 +274,49 @@ def test_another_process_does_the_second_half_of_tasks(count, here):
     assert own == [True] * here + [False] * (count - here)
     for task, (*_, factor) in enumerate(done):
         assert np.array_equal(factor, _factor(task))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no copies of a process")
+def test_a_companion_does_all_tasks_that_are_handed_to_it():
+    with running(Run(beside=True)), companion(_whose) as handed:
+        done = [handed(task)() for task in range(3)]
+        unasked, asked = handed(4), handed(5)
+        done.append(asked())
+        assert unasked is not asked
+    processes = {process for process, *_ in done}
+    assert len(processes) == 1 and os.getpid() not in processes
+    for task, (*_, factor) in zip([0, 1, 2, 5], done, strict=True):
+        assert np.array_equal(factor, _factor(task))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no copies of a process")
+def test_what_a_companion_cannot_do_is_done_here():
+    with running(Run(beside=True)), companion(_faulty) as handed:
+        with pytest.raises(RecordingError, match="task 3: no such column"):
+            handed(3)()
+    with running(Run(beside=True)), companion(_killed_elsewhere) as handed:
+        assert handed(os.getpid())() == os.getpid()
+        assert handed(os.getpid())() == os.getpid()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no copies of a process")
+def test_a_copy_does_not_take_what_a_companion_answers():
+    with running(Run(beside=True)), companion(_whose) as handed:
+        first, *_ = handed(0)()
+        with beside(lambda task: handed(task)(), 1) as result:
+            other, *_ = result()
+        again, *_ = handed(2)()
+    assert first == again and other not in (first, os.getpid())
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_there_is_no_companion_where_no_process_can_begin(allowed, monkeypatch):
+    def refused():
+        raise BlockingIOError("no more processes")
+
+    monkeypatch.setattr(os, "fork", refused, raising=False)
+    with running(Run(beside=allowed)), companion(_whose) as handed:
+        assert handed is None
 
 
 def test_without_a_core_to_spare_work_beside_is_done_here_when_it_is_needed():
