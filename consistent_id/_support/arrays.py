@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,10 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 
 
+_frozen: WeakValueDictionary[int, Array] = WeakValueDictionary()
+"""What `frozen` made, by identity: others may have a view that can be written to."""
+
+
 def frozen(
     values: ArrayLike,
     shape: tuple[int | None, ...],
@@ -25,21 +30,16 @@ def frozen(
 ) -> Array:
     """Return a read-only float64 copy of `values`, of the given shape and finite.
 
-    A ``None`` in `shape` stands for any length.  What is such a copy already is
-    returned as it is.
+    A ``None`` in `shape` stands for any length.  An array that this function made is
+    returned itself.
     """
     array = checked(values, shape, what, error, finite)
-    if _is_frozen(array):
+    if _frozen.get(id(array)) is array and not array.flags.writeable:
         return array
     array = array.copy()
     array.setflags(write=False)
+    _frozen[id(array)] = array
     return array
-
-
-def _is_frozen(array: Array) -> bool:
-    """Return whether an array is read-only, and no view of one that is not."""
-    flags = array.flags
-    return flags.owndata and flags.c_contiguous and not flags.writeable
 
 
 def freeze(value: object, **fields: object) -> None:

@@ -16,8 +16,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, wraps
 from itertools import accumulate, count
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Literal, ParamSpec, Self, TypeVar, cast, get_args
+from typing import Any, Literal, ParamSpec, Self, TypeVar, get_args
 from warnings import catch_warnings, simplefilter
 
 from consistent_id._support.run import current_run, interrupts_ignored
@@ -27,9 +26,9 @@ from consistent_id._support.workers import (
     Workers,
     as_done,
     dask_cluster,
+    dumped,
     in_order,
     processes,
-    spooled,
 )
 from consistent_id.errors import ProblemError
 
@@ -40,7 +39,7 @@ _P = ParamSpec("_P")
 Kind = Literal["serial", "processes", "dask"]
 
 FEW_SAMPLES = 1_000_000
-"""Samples of logs: for more, a second process at work would need too much memory."""
+"""With more samples of logs, a second process at work would need too much memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +182,7 @@ class Executor:
     ) -> Iterator[Workers]:
         """Yield workers for a function, at most so many."""
         call = Call(function, replace(current_run(), inputs=set(), executor=""))
-        number = self.workers or os.cpu_count() or 1
+        number = self.workers or cores()
         number = number if most is None else min(number, most)
         if self.kind == "processes":
             with processes(call, number) as workers:
@@ -193,24 +192,33 @@ class Executor:
                 yield workers
 
 
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 @contextmanager
 def beside(
-    function: Callable[[_T], _R], task: _T, *, short: bool = False
+    function: Callable[[_T], _R], task: _T, *, copied: bool = False
 ) -> Generator[Callable[[], _R], None, None]:
     """Yield how to get the result of work that another process does meanwhile.
 
     If the run has no core for it (`Run.beside`), it is done here when it is needed.
-    Results are equal to the last bit.
+    Results are equal to the last bit; they can be pickled, and what the work notes in
+    the run, or keeps in caches, is lost.  The work may share work in its turn, so for a
+    moment there are more processes than cores.
 
     Parameters
     ----------
     function : callable
-        At the top level of a module.
+        At the top level of a module; any, if `copied`.
     task : object
         Its argument.
-    short : bool
-        The work takes no longer than a new process takes to begin: it is done here
-        where no copy of this process can do it.
+    copied : bool
+        Only a copy of this process may do the work, which begins at once: for work that
+        takes no longer than the start of another one.
 
     Examples
     --------
@@ -219,23 +227,31 @@ def beside(
     2
     """
     run = current_run()
-    call = Call(function, replace(run, inputs=set(), executor="", beside=False))
-    if run.beside and _can_be_copied():
-        with _in_a_copy(call, task) as result:
-            yield result
-    elif short or not run.beside:
-        yield lambda: function(task)
+    if copied or not run.beside or _can_be_copied():
+        with companion(lambda _: function(task)) as handed:
+            yield (lambda: function(task)) if handed is None else handed(None)
     else:
+        call = Call(function, replace(run, inputs=set(), executor="", beside=False))
         with processes(call, 1) as workers:
             yield HandedTask(workers, task).result
 
 
-def in_halves(function: Callable[[_T], _R], tasks: Sequence[_T]) -> list[_R]:
-    """Return the result of each short task; `beside` does the second half of them.
+def in_halves(
+    function: Callable[[_T], _R], tasks: Sequence[_T], *, samples: int = 0
+) -> Iterator[_R]:
+    """Yield the results of tasks in their order.
+
+    A copy of this process does the second half, see `beside`.  Without one, each task
+    is done here when its result is needed.
+
+    Parameters
+    ----------
+    samples : int
+        Samples of the logs behind all tasks; many are not worked on side by side.
 
     Examples
     --------
-    >>> in_halves(abs, [-1, 2, -3])
+    >>> list(in_halves(abs, [-1, 2, -3]))
     [1, 2, 3]
     """
 
@@ -243,10 +259,16 @@ def in_halves(function: Callable[[_T], _R], tasks: Sequence[_T]) -> list[_R]:
         return [function(task) for task in some]
 
     middle = (len(tasks) + 1) // 2
-    if middle == len(tasks):
-        return each(tasks)
-    with beside(each, tasks[middle:], short=True) as others:
-        return each(tasks[:middle]) + others()
+    if middle == len(tasks) or samples > FEW_SAMPLES:
+        yield from map(function, tasks)
+        return
+    with companion(each) as handed:
+        if handed is None:
+            yield from map(function, tasks)
+            return
+        others = handed(tasks[middle:])
+        yield from map(function, tasks[:middle])
+        yield from others()
 
 
 @contextmanager
@@ -255,11 +277,9 @@ def companion(
 ) -> Iterator[Callable[[_T], Callable[[], _R]] | None]:
     """Yield how to hand tasks to a copy of this process, and how to get each result.
 
-    It is None where no copy can be made.
-
-    The copy stays until the end, and keeps what it computes, so that many short tasks
-    do not each begin one.  It does one after another.  Results are taken in this order,
-    or not at all.  If the copy fails or is killed, tasks are done here.
+    It is None where no copy can be made.  The copy stays until the end, and keeps what
+    it computes, so that many short tasks do not each begin one.  It does one after
+    another.  If it fails or is killed, tasks are done here.
     """
     run = current_run()
     if not (run.beside and _can_be_copied()):
@@ -276,20 +296,23 @@ def companion(
         return
     there.close()  # else its end would not be seen here
     numbers, owner = count(), os.getpid()
+    answers: dict[int, tuple[bool, Any]] = {}
 
     def handed(task: _T) -> Callable[[], _R]:
         if os.getpid() != owner:  # another copy must not read from the same pipe
             return lambda: function(task)
         number = next(numbers)
         with suppress(OSError):
-            here.send((number, task))
+            here.send_bytes(dumped((number, task)))
 
         def result() -> _R:
-            answered, done, found = -1, False, cast(_R, None)
-            with suppress(EOFError, OSError):
-                while answered < number:  # nobody asked for earlier ones
-                    answered, done, found = here.recv()
-            return found if done and answered == number else function(task)
+            try:
+                while number not in answers:
+                    answered, *answers[answered] = pickle.loads(here.recv_bytes())
+            except (EOFError, OSError):
+                answers[number] = False, None
+            done, found = answers[number]
+            return found if done else function(task)
 
         return result
 
@@ -306,14 +329,14 @@ def _serve(call: "Call", here: Any, there: Any) -> None:
     here.close()
     while True:
         try:
-            number, task = there.recv()
+            number, task = pickle.loads(there.recv_bytes())
         except (EOFError, OSError):
             os._exit(0)
         try:
-            answer = number, True, call(task)
+            answer = dumped((number, True, call(task)))
         except BaseException:
-            answer = number, False, None
-        there.send(answer)
+            answer = dumped((number, False, None))
+        there.send_bytes(answer)
 
 
 def _can_be_copied() -> bool:
@@ -334,48 +357,10 @@ def _begun(copy: Any) -> bool:
     return True
 
 
-@contextmanager
-def _in_a_copy(call: "Call", task: Any) -> Iterator[Callable[[], Any]]:
-    """Yield how to get the result of a copy of this process.
-
-    It begins at once, with all modules and data of this process.  If it cannot begin,
-    fails or is killed, the work is done here.
-    """
-    from multiprocessing import get_context
-
-    with TemporaryDirectory(prefix="consistent-id-") as folder:
-        path = Path(folder) / "result"
-        copy = get_context("fork").Process(
-            target=_write_result, args=(call, task, path), daemon=True
-        )
-        if not _begun(copy):
-            yield lambda: call.function(task)
-            return
-
-        def result() -> Any:
-            copy.join()
-            done = copy.exitcode == 0
-            return pickle.loads(path.read_bytes()) if done else call.function(task)
-
-        try:
-            yield result
-        finally:
-            copy.kill()
-            copy.join()
-
-
 def _openmp() -> bool:
     """Return whether BLAS uses OpenMP, whose threads would hang in a copy."""
     layers = (one.get("threading_layer") for one in _controller().info())
     return "openmp" in layers
-
-
-def _write_result(call: "Call", task: Any, path: Path) -> None:
-    """Write the result of a call; if it fails, end without a word."""
-    try:
-        spooled(call(task), path)
-    except BaseException:
-        os._exit(1)
 
 
 def tree_reduced(items: Iterable[_T], combine: Callable[[_T, _T], _T]) -> _T | None:

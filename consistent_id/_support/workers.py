@@ -203,10 +203,16 @@ def _called(name: str) -> str:
 
 def spooled(value: Any, path: Path) -> str:
     """Write what processes of this run hand each other; return the file's name."""
+    path.write_bytes(dumped(value))
+    return str(path)
+
+
+def dumped(value: Any) -> bytes:
+    """Return what processes of this run hand each other, functions and all."""
     from cloudpickle import dumps
 
-    path.write_bytes(dumps(value))
-    return str(path)
+    found: bytes = dumps(value)
+    return found
 
 
 def _unspooled(name: str) -> Any:

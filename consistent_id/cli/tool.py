@@ -53,6 +53,8 @@ def run_to_its_end(
 def _run_to_its_end(
     options: argparse.Namespace, work: Callable[[argparse.Namespace], int]
 ) -> int:
+    from consistent_id._support.executors import cores
+
     faults = list[tuple[str, Exception]]()
     run = Run(
         faults=faults,
@@ -60,7 +62,7 @@ def _run_to_its_end(
         large_files=getattr(options, "large_files", False),
         trust=getattr(options, "trust", False),
         executor=getattr(options, "executor", None) or "",
-        beside=(os.cpu_count() or 1) > 1,
+        beside=cores() > 1,
     )
     code = _ended(options, work, run)
     for part, fault in faults:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 from consistent_id._support.executors import (
-    FEW_SAMPLES,
     beside,
     in_halves,
     single_threaded,
@@ -176,8 +175,7 @@ def diagnose(
         return findings_of(model, own, constraints, base, rows, limits, training)
 
     open_: list[OpenLog] = []
-    few = sum(map(len, looked_at)) <= FEW_SAMPLES
-    each = in_halves(alone, looked_at) if few else map(alone, looked_at)
+    each = in_halves(alone, looked_at, samples=sum(map(len, looked_at)))
     for k, (log, of_one) in enumerate(zip(looked_at, each, strict=True)):
         if k >= len(training):
             of_one = _of_validation(of_one)
@@ -408,7 +406,7 @@ def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
     changed = change_findings(as_is)
     if any(f.severity == "fault" for f in changed):
         return changed  # no factor is the same in all samples
-    with beside(free_clock_findings, as_is, short=True) as clock:
+    with beside(free_clock_findings, as_is, copied=True) as clock:
         found = whole_robot_findings(as_is)
         return [*_with_free_clock(clock, found), *changed]
 

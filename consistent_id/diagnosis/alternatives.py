@@ -233,11 +233,12 @@ def _other_channels(as_is: FittedLog) -> Iterator[Candidate]:
 
 def _cheapest_order(costs: Matrix) -> IntArray:
     """Return a different column for each row, with the least sum of costs."""
-    # The import of scipy.optimize takes five times as long.
+    # The import of scipy.optimize takes .13 s, that of this .02 s.
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
-    edges = csr_array(costs - costs.min() + 1.0)  # a cost of zero would be no edge
+    # A cost of zero would be no edge; of equal ones, each row's own column is taken.
+    edges = csr_array(costs - costs.min() + 1.0 - 1e-9 * np.eye(len(costs)))
     _, order = min_weight_full_bipartite_matching(edges)
     return np.asarray(order, dtype=np.intp)
 

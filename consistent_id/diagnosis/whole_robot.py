@@ -101,7 +101,7 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
     cost = least_costs(as_is)[0] if likely else 0.0
     likely = [f for f in worth_a_look(as_is, likely, cost) if _sure(as_is, f)]
     likely = sorted(likely, key=lambda f: -f.explained)[:_TRIED]
-    settled = in_halves(lambda found: _settled(as_is, found, cost), likely)
+    settled = list(in_halves(lambda found: _settled(as_is, found, cost), likely))
     rest = [f for f in first if f not in likely]
     found = [replace(f, cost=cost) for f in (*settled, *rest)]
     return sorted(_weighed(as_is, found), key=lambda f: -f.explained)

@@ -7,7 +7,6 @@ paths.
 """
 
 import logging
-import os
 import time as clock
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.executors import Executor, single_threaded
+from consistent_id._support.executors import Executor, cores, single_threaded
 from consistent_id._support.run import noted_interrupts
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.excitation.accuracy import (
@@ -276,7 +275,7 @@ def _require_sensible(
             raise ProblemError(f"{name} is {value!r}, expected {least} or more, whole")
     if not 0.0 < time_limit < np.inf:
         raise ProblemError(f"time_limit is {time_limit} s, expected more than 0")
-    return min(workers or _processors(), starts)
+    return min(workers or cores(), starts)
 
 
 def _unoptimised(problem: SearchProblem, aim: Aim, starts: int) -> PredictedAccuracy:
@@ -321,9 +320,3 @@ def _warn_if_short(
         time_limit,
         enough,
     )
-
-
-def _processors() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -236,7 +236,8 @@ def poor_velocity(reading: DraftReading, stated: Statement) -> str | None:
         return float(_chosen(model, logs, reading.clock, top, _COMPARED).error.min())
 
     try:
-        with_it, without = in_halves(left_out_error, [parts, bare])
+        samples = sum(map(len, parts))
+        with_it, without = in_halves(left_out_error, [parts, bare], samples=samples)
     except ConsistentIdError:
         return None
     if with_it <= _WORSE * without:

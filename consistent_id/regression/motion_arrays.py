@@ -39,7 +39,7 @@ PIECE = 4 * CHUNK
 
 _KEPT = 2**28
 """Bytes of a recording's filtered rows that are kept for the next pass over it: those
-of a robot on its feet, 90 s at 30 Hz, are a few less.
+of a quadruped on its feet are just below, 90 s with a cut-off of 30 Hz.
 """
 
 _ALL_KEPT = 2 * _KEPT  # the same of all recordings at a time

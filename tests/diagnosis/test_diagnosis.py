@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from functools import cache
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from consistent_id import (
 )
 from consistent_id.constraints import ParameterBounds
 from consistent_id.diagnosis import Diagnosis, LogFinding, diagnose
+from consistent_id.diagnosis.alternatives import _cheapest_order
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import (
     rank_findings,
@@ -436,3 +438,13 @@ def test_a_joint_without_rows_ends_no_diagnosis():
     (finding,) = found.of("rank")
     assert "every row of joint2 has the weight 0" in finding.statement
     assert "leave out fewer rows" in finding.advice
+
+
+def test_the_cheapest_order_of_channels_is_that_of_all_orders():
+    rng = np.random.default_rng(4)
+    for costs in rng.normal(size=(20, 4, 4)):
+        every = list(permutations(range(4)))
+        sums = [costs[range(4), order].sum() for order in every]
+        assert tuple(_cheapest_order(costs)) == every[int(np.argmin(sums))]
+    # Of equal ones, each row keeps its own channel.
+    np.testing.assert_array_equal(_cheapest_order(np.zeros((4, 4))), range(4))

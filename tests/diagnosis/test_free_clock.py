@@ -1,5 +1,6 @@
 """The clock beside free bodies: no nominal body tells how fast it runs."""
 
+import sys
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -11,6 +12,8 @@ from faulty_logs import arm as other_arm
 from known_arm import arm, logged, slow_log
 
 from consistent_id import InertialParameters
+from consistent_id._support import executors
+from consistent_id._support.run import Run, running
 from consistent_id.diagnosis import all_logs, diagnose, free_clock, joint_shifts
 from consistent_id.diagnosis.all_logs import scale_instead
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
@@ -157,6 +160,41 @@ def test_a_fault_beside_nominal_bodies_is_kept():
     assert all_logs._with_free_clock(needless, [zero]) == [zero]
     assert all_logs._with_free_clock(lambda: [clock], [doubt]) == [clock]
     assert all_logs._with_free_clock(list, [doubt]) == [doubt]
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_clock_stands_beside_changes_of_known_bodies(known, monkeypatch):
+    clock = LogFinding("clock", "warning", "time", "slow", "check it")
+    change = LogFinding("load", "note", "joint2", "picked up", "check it")
+    _, log = logged(1)
+    fitted = SimpleNamespace(
+        factors=SimpleNamespace(model=arm()),
+        friction=0.0,
+        recording=log,
+        constraints=[],
+    )
+    monkeypatch.setattr(all_logs, "bodies_known", lambda _: known)
+    monkeypatch.setattr(all_logs, "change_findings", lambda _: [change])
+    monkeypatch.setattr(all_logs, "whole_robot_findings", lambda _: [])
+    monkeypatch.setattr(all_logs, "free_clock_findings", lambda _: [clock])
+    found = all_logs._of_whole_robot([fitted])
+    assert found == ([clock, change] if known else [clock])
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="no copies of a process")
+@pytest.mark.parametrize(("most", "copies"), [(10**6, 2), (1, 1)])
+def test_few_logs_are_looked_at_by_two_processes(most, copies, monkeypatch):
+    begun, begin = [], executors._begun
+    monkeypatch.setattr(
+        executors, "_begun", lambda copy: begun.append(1) or begin(copy)
+    )
+    monkeypatch.setattr(executors, "FEW_SAMPLES", most)
+    _, log = logged(1)
+    with running(Run(beside=True)):
+        shared = diagnose(arm(), [log, replace(log, name="again")])
+    assert len(begun) == copies  # one is for the clock
+    assert shared == diagnose(arm(), [log, replace(log, name="again")])
 
 
 @pytest.mark.slow

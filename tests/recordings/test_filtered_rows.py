@@ -1,5 +1,6 @@
 """Filtered recordings: their kernel, their ends, and what was before the filter."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from consistent_id.recordings.signals.filtered_rows import (
     require_unchanged,
     row_filter,
 )
+from consistent_id.recordings.signals.filters import spaced
 from consistent_id.signals import (
     altered,
     decimated,
@@ -220,6 +222,18 @@ def test_a_change_before_the_filter_is_made_to_all_samples():
     require_unchanged(found)
     # Torque that is not filtered is changed as it is.
     assert (altered(raw, doubled).torque == 2.0 * raw.torque).all()
+
+
+@pytest.mark.parametrize("copied", [False, True])
+def test_torque_is_filtered_again_only_if_it_or_the_clock_is_changed(copied):
+    few = spaced(trimmed(low_passed(log(), torque_cutoff=8.0), 1.0, 5.0), 7)
+    few = pickle.loads(pickle.dumps(few)) if copied else few
+    turned = altered(few, lambda raw: replace(raw, velocity=-raw.velocity))
+    np.testing.assert_array_equal(turned.torque, few.torque)  # to the last bit
+    assert copied or turned.torque is few.torque
+    slow = altered(few, lambda raw: replace(raw, time=2.0 * raw.time))
+    require_unchanged(slow)
+    assert abs(slow.torque - few.torque).max() > 0.01 * abs(few.torque).max()
 
 
 def _spike(values):

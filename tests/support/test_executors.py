@@ -269,11 +269,35 @@ def test_work_beside_is_done_by_another_process_and_equals_to_the_last_bit():
 @pytest.mark.parametrize(("count", "here"), [(5, 3), (2, 1), (1, 1), (0, 0)])
 def test_another_process_does_the_second_half_of_tasks(count, here):
     with running(Run(beside=True)):
-        done = in_halves(_whose, range(count))
+        done = list(in_halves(_whose, range(count)))
     own = [process == os.getpid() for process, *_ in done]
     assert own == [True] * here + [False] * (count - here)
     for task, (*_, factor) in enumerate(done):
         assert np.array_equal(factor, _factor(task))
+
+
+@pytest.mark.parametrize("run", [Run(), Run(beside=True)])
+def test_tasks_whose_results_nobody_needs_are_not_done_here(run):
+    done = []
+
+    def noted(task):
+        done.append(task)
+        return task
+
+    with running(run):
+        assert next(in_halves(noted, [1, 2, 3, 4])) == 1
+        assert done == [1]
+        assert list(in_halves(noted, [5, 6], samples=10**9)) == [5, 6]
+    assert done == [1, 5, 6]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no copies of a process")
+def test_work_beside_needs_no_folder_for_its_result(monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", "/nowhere")
+    with running(Run(beside=True)), beside(_whose, 3) as result:
+        process, *_ = result()
+        again, *_ = result()
+    assert process == again != os.getpid()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="no copies of a process")
@@ -360,10 +384,10 @@ def test_beside_blas_with_openmp_no_process_is_a_copy(monkeypatch):
     with running(Run(beside=True)), monkeypatch.context() as patch:
         patch.setattr(executors, "_controller", lambda: layers)
         # Not os.fork: loky 3.4 begins other programmes by it.
-        patch.setattr(executors, "_in_a_copy", copied)
+        patch.setattr(executors, "_begun", copied)
         with beside(_name_of, "work") as result:
             process, name = result()
-        with beside(_name_of, "short work", short=True) as result:
+        with beside(_name_of, "short work", copied=True) as result:
             here, _ = result()
     assert process != os.getpid() and name == "work"
     assert here == os.getpid()

@@ -16,7 +16,6 @@ from functools import lru_cache
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
-from consistent_id._support.caches import kept_with
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion, ContactFlags
 from consistent_id.recordings.recording import Recording, TorqueFilter
@@ -269,7 +268,8 @@ def altered(
     ----------
     recording : Recording
         If its torque is filtered, the change is made to all samples from before the
-        filter; then torque is filtered, and samples are kept, as they were.
+        filter; then torque is filtered, unless neither it nor the clock was changed,
+        and samples are kept, as they were.
     change : callable
         Returns a recording with as many samples.
 
@@ -293,7 +293,9 @@ def altered(
         return change(recording)
     require_unchanged(recording)
     changed = change(behind.source)
-    torque = recording.torque if changed.torque is behind.source.torque else None
+    before = behind.source
+    same = _same(changed.torque, before.torque) and _same(changed.time, before.time)
+    torque = recording.torque if same else None
     return _through(recording, replace(behind, source=changed), torque)
 
 
@@ -386,7 +388,6 @@ def _through(
     return replace(part, wrenches=wrenches, **channels)  # type: ignore[arg-type]
 
 
-@kept_with(0, most=64)  # what was altered once is altered again
 def require_unchanged(recording: Recording) -> None:
     """Refuse a filtered recording that is no longer what its source makes of it.
 
