@@ -22,6 +22,7 @@ from consistent_id.rollout.delay_interval import (
     other_frictions,
 )
 from consistent_id.rollout.delay_search import (
+    APART,
     FIRST,
     MOST,
     NEAR,
@@ -166,7 +167,8 @@ def _searched(
     if refine:
         best = _with_fewer_terms(best, problem, candidates)
     near = [best.delay - NEAR, best.delay, best.delay + NEAR]
-    found = _delayed(best, candidates, near, most)
+    near += [best.delay - APART, best.delay + APART]
+    found = _delayed(best, candidates, near, most, beyond=True)
     best = min((best, replace(best, delay=found.delay)), key=error)
     return best, rested, replace(found, delay=best.delay)
 
@@ -201,10 +203,16 @@ def _with_terms(
 
 
 def _delayed(
-    best: Settings, candidates: Candidates, first: Sequence[float], most: float
+    best: Settings,
+    candidates: Candidates,
+    first: Sequence[float],
+    most: float,
+    *,
+    beyond: bool = False,
 ) -> FoundDelay:
     """Return the delay of commands with the least error, and its standard error."""
-    return found_delay(candidates.by_delay(best), [*first, best.delay], most)
+    squares, first = candidates.by_delay(best), [*first, best.delay]
+    return found_delay(squares, first, most, beyond=beyond)
 
 
 def _shaped(

@@ -6,7 +6,8 @@ friction of other kinds: with a sharper change of sign, with Stribeck friction t
 fades at a low and at a higher speed, and with friction that depends on the load.
 MuJoCo has none of the last two; in the replays they are a torque over time, computed
 from the measured motion, which is near the replayed one.  The interval contains the
-intervals of all kinds.  That of a delay of 0 is from 0 to its upper limit.  Where rows
+intervals of all kinds, with delays far from the best one that are as good.  That of a
+delay of 0 is from 0 to its upper limit.  Where rows
 of slow joints are left out, friction at low speed does not count; then the other kinds
 are other speeds and cut-offs that predict about as well.
 """
@@ -25,7 +26,13 @@ from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.rollout.candidates import Candidates
 from consistent_id.rollout.commanded_motion import replayable
-from consistent_id.rollout.delay_search import NEAR, SAME, FoundDelay, found_delay
+from consistent_id.rollout.delay_search import (
+    APART,
+    NEAR,
+    SAME,
+    FoundDelay,
+    found_delay,
+)
 from consistent_id.rollout.motion_parts import Spans, within
 from consistent_id.rollout.settings import (
     BLOCKS_OF_PART,
@@ -46,7 +53,6 @@ ALIKE = 1.25
 """Times the error of the chosen settings, up to which a delay of others counts."""
 
 _STEP = 1.33  # between cut-offs
-_APART = 2.0 * NEAR  # s, between the delays that are tried first
 _FURTHEST = 2.9 * NEAR  # s, beyond which no delay is tried
 _LACKING = ("stribeck", "load_friction")  # drive terms that replays do not have
 
@@ -78,9 +84,10 @@ def delay_interval(
     own = found.interval
     if own is None:
         return None
-    around = [found.delay - _APART, found.delay, found.delay + _APART]
+    around = [found.delay - APART, found.delay, found.delay + APART]
     ends = [own]
-    for other in in_halves(lambda kind: found_delay(kind, around, most), others):
+    kinds = partial(found_delay, first=around, most=most, beyond=True)
+    for other in in_halves(kinds, others):
         near = other.at_bound or abs(other.delay - found.delay) < _FURTHEST
         if other.interval is None or not near:
             return None

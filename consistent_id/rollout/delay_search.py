@@ -7,10 +7,15 @@ a parabola of its own, and the blocks are left out one at a time (jackknife).
 A delay that is found to be 0 has no such error: the parabola may be lowest below 0,
 where no delay can be tried.  Its upper limit is the delay from which on the error rises
 by more than the scatter of its slope between blocks.
+
+The error may have a second least value, which is nearly as small, at another delay.
+The parabola at the best one does not show it.  So the delays beside that parabola are
+compared in pairs, and those that no other one beats with certainty are as good.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -21,6 +26,9 @@ MOST = 0.02
 
 FIRST = (0.0, 0.005, 0.01, 0.02)  # s, tried first where nothing is known
 NEAR = 0.0025  # s, a neighbour of the best delay is at least as near as this
+APART = 2.0 * NEAR
+"""Distance of delays that are tried to find others that are as good, [s]."""
+
 SAME = 0.0002
 """Difference of delays that are not distinguished, [s]."""
 
@@ -28,6 +36,7 @@ _PARABOLAS = 3
 _QUANTILE = 0.975  # of Student's t, for 95 %
 _FINE = 1e-5  # s, of an upper limit
 _FLAT = 1e-12  # relative change of an error over 1 ms that is rounding
+_CHANCE = 0.025  # of an error that is larger, one-sided
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +57,9 @@ class FoundDelay:
     limit : float, optional, [s]
         Upper limit (95 %) of a delay at the bound 0, from the scatter between blocks;
         None where it is not known, and for other delays.
+    as_good : tuple of float, optional, [s]
+        The least and the greatest delay that was tried, beside those of the parabola,
+        and that no other one beats with certainty (95 %); None where there is none.
     """
 
     delay: float
@@ -55,22 +67,33 @@ class FoundDelay:
     at_bound: bool
     blocks: int
     limit: float | None = None
+    as_good: tuple[float, float] | None = None
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """Its 95 % interval by the scatter between blocks [s]; None if not known."""
+        """Its 95 % interval by the scatter between blocks [s]; None if not known.
+
+        It contains the delays that are as good.
+        """
         if self.at_bound:
-            return None if self.limit is None else (0.0, self.limit)
-        if not np.isfinite(self.error):
+            if self.limit is None:
+                return None
+            low, high = 0.0, self.limit
+        elif np.isfinite(self.error):
+            half = student(self.blocks) * self.error
+            low, high = self.delay - half, self.delay + half
+        else:
             return None
-        half = student(self.blocks) * self.error
-        return self.delay - half, self.delay + half
+        ends = self.as_good or (low, high)
+        return min(low, ends[0]), max(high, ends[1])
 
 
 def found_delay(
     squares: Callable[[float], Vector],
     first: Sequence[float] = FIRST,
     most: float = MOST,
+    *,
+    beyond: bool = False,
 ) -> FoundDelay:
     """Return the delay from 0 to `most` at which the sum of squares is least.
 
@@ -83,6 +106,9 @@ def found_delay(
         Delays that are tried before the first parabola.
     most : float, [s]
         Longest delay.
+    beyond : bool
+        Whether delays as good are looked for, beyond those that were tried for the
+        best one.
     """
     tried: dict[float, Vector] = {}
 
@@ -121,7 +147,51 @@ def found_delay(
     at_bound = early or best >= most - SAME
     limit = _limit(tried, total, most) if early else None
     error, blocks = np.inf if at_bound else error, len(tried[best])
-    return FoundDelay(_lowest(points), error, at_bound, blocks, limit)
+    as_good = _as_good(places, tried, total, most) if beyond else None
+    return FoundDelay(_lowest(points), error, at_bound, blocks, limit, as_good)
+
+
+def _as_good(
+    places: list[float],
+    tried: dict[float, Vector],
+    total: Callable[[float], float],
+    most: float,
+) -> tuple[float, float] | None:
+    """Return the least and the greatest delay that no other one beats, [s].
+
+    Delays further out are tried until one is beaten.  Those of the parabola count by
+    its scatter, which is more certain.  None if no other one is as good.
+    """
+    for end, step in ((min, -APART), (max, APART)):
+        while not _beaten(last := end(tried), tried):
+            further = round(min(max(last + step, 0.0), most), 6)
+            if further in tried:
+                break
+            total(further)
+    others = tried.keys() - {*places}
+    good = [delay for delay in others if not _beaten(delay, tried)]
+    return (min(good), max(good)) if good else None
+
+
+def _beaten(delay: float, tried: dict[float, Vector]) -> bool:
+    """Return whether a delay has a larger error than another one with certainty."""
+    squares = tried[delay]
+    if not np.isfinite(squares).all():
+        return True
+    others = [other for other in tried.values() if np.isfinite(other).all()]
+    return any(_larger(squares - other) for other in others)
+
+
+def _larger(more: Vector) -> bool:
+    """Return whether the sum of differences of blocks is above 0 by more than chance.
+
+    If two delays are as good, the sign of each block's difference is chance.  So its
+    signs are changed in all ways (sign-flip test).  It is exact, also where few blocks
+    have most of the error, of which the scatter would hide what all blocks agree on.
+    """
+    signs = np.array(list(product((1.0, -1.0), repeat=len(more))))
+    rounding = 1e-12 * abs(more).sum()
+    return bool((signs @ more >= more.sum() - rounding).mean() <= _CHANCE)
 
 
 def _limit(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from consistent_id.rollout.delay_search import FIRST, MOST, NEAR, found_delay
+from consistent_id.rollout.delay_search import APART, FIRST, MOST, NEAR, found_delay
 
 PLACES = np.array([0.012, 0.0135, 0.015, 0.0147])  # s, of blocks of equal weight
 
@@ -109,3 +109,90 @@ def test_longer_delays_that_diverge_leave_the_upper_limit_unknown():
 
     found = found_delay(diverging, [-NEAR, 0.0])
     assert found.at_bound and found.limit is None
+
+
+SIGNS = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 1.0])
+FAR = (0.011 - APART, 0.011 - NEAR, 0.011, 0.011 + NEAR, 0.011 + APART)  # s
+
+
+def two_valleys(differences):
+    """Least errors at 6 and 11 ms, which differ by these of blocks: later is best."""
+    differences = np.asarray(differences)
+
+    def of(delay):
+        later = (delay - 0.011) ** 2 + 0.0 * differences
+        return 1e-5 + np.minimum(later, (delay - 0.006) ** 2 + differences)
+
+    return of
+
+
+def test_a_second_least_error_is_inside_if_blocks_disagree_which_is_lower():
+    squares = two_valleys(1e-6 * SIGNS)
+    found = found_delay(squares, FAR, beyond=True)
+    assert found.delay == pytest.approx(0.011, abs=1e-4)
+    assert found.interval[0] == pytest.approx(0.006) and found.interval[1] < 0.0115
+    # By scatter around the best one alone, it is far outside.
+    assert found_delay(squares, FAR).interval[0] > 0.009
+
+
+def test_a_second_least_error_is_outside_if_all_blocks_agree_that_it_is_higher():
+    """One block has nearly all of the difference: t is 1.03, far from certain."""
+    more = np.array([1e-5, *[2e-8] * 7])
+    assert more.sum() / (np.std(more, ddof=1) * np.sqrt(8)) < 1.1
+    found = found_delay(two_valleys(more), FAR, beyond=True)
+    assert found.interval == found_delay(two_valleys(more), FAR).interval
+
+
+@pytest.mark.parametrize(("worse", "outside"), [(1, True), (2, False)])
+def test_it_is_outside_if_blocks_agree_so_much_by_chance_in_1_of_40_cases(
+    worse, outside
+):
+    """The 256 sums of 8 numbers with any signs are counted by hand.
+
+    Of seven ones and -0.5, 2 sums are as large as theirs: with -0.5 or 0.5 and seven
+    ones.  Of six ones, -1 and -0.5, one of the seven may be negative, too: 16.
+    """
+    differences = np.ones(8)
+    differences[:worse] = [-0.5, -1.0][:worse]
+    found = found_delay(two_valleys(1e-6 * differences), FAR, beyond=True)
+    assert (found.interval[0] > 0.009) == outside
+
+
+def test_delays_as_good_are_looked_for_until_one_is_worse_with_certainty():
+    """The error is the same below 11 ms, and rises in all blocks above."""
+    tried = []
+
+    def squares(delay):
+        tried.append(delay)
+        return 1e-6 + np.full(8, max(delay - 0.011, 0.0) ** 2)
+
+    found = found_delay(squares, FAR, beyond=True)
+    assert found.as_good[0] == 0.0
+    assert min(tried) == 0.0 and max(tried) == 0.011 + APART
+
+
+def test_no_further_delay_is_tried_where_the_error_has_one_least_value():
+    def counted(**options):
+        tried = []
+
+        def one(delay):
+            tried.append(delay)
+            return 1e-6 + (delay - np.tile(PLACES, 2) + 0.003) ** 2
+
+        return found_delay(one, FAR, **options), len(tried)
+
+    (found, count), (plain, before) = counted(beyond=True), counted()
+    assert count == before
+    assert found.interval == plain.interval
+
+
+def test_delays_that_diverge_are_not_as_good():
+    near = two_valleys(1e-6 * SIGNS)
+
+    def squares(delay):
+        return near(delay) if 0.004 < delay < 0.014 else np.full(8, np.inf)
+
+    found = found_delay(squares, FAR, beyond=True)
+    assert found.as_good[0] == pytest.approx(0.006) and found.as_good[1] < 0.014
+    nowhere = found_delay(lambda delay: np.full(8, np.inf), FAR, beyond=True)
+    assert nowhere.as_good is None
