@@ -9,8 +9,8 @@ where no delay can be tried.  Its upper limit is the delay from which on the err
 by more than the scatter of its slope between blocks.
 
 The error may have a second least value, which is nearly as small, at another delay.
-The parabola at the best one does not show it.  So the delays beside that parabola are
-compared in pairs, and those that no other one beats with certainty are as good.
+The parabola at the best one does not show it.  So delays are compared in pairs.  Those
+outside of the best one's valley that no other one beats with certainty are as good.
 """
 
 from collections.abc import Callable, Sequence
@@ -58,8 +58,9 @@ class FoundDelay:
         Upper limit (95 %) of a delay at the bound 0, from the scatter between blocks;
         None where it is not known, and for other delays.
     as_good : tuple of float, optional, [s]
-        The least and the greatest delay that was tried, beside those of the parabola,
-        and that no other one beats with certainty (95 %); None where there is none.
+        The least and the greatest delay that was tried, outside of the best one's
+        valley, and that no other one beats with certainty (95 %); None where there is
+        none.
     """
 
     delay: float
@@ -147,20 +148,18 @@ def found_delay(
     at_bound = early or best >= most - SAME
     limit = _limit(tried, total, most) if early else None
     error, blocks = np.inf if at_bound else error, len(tried[best])
-    as_good = _as_good(places, tried, total, most) if beyond else None
+    as_good = _as_good(tried, total, most) if beyond else None
     return FoundDelay(_lowest(points), error, at_bound, blocks, limit, as_good)
 
 
 def _as_good(
-    places: list[float],
-    tried: dict[float, Vector],
-    total: Callable[[float], float],
-    most: float,
+    tried: dict[float, Vector], total: Callable[[float], float], most: float
 ) -> tuple[float, float] | None:
     """Return the least and the greatest delay that no other one beats, [s].
 
-    Delays further out are tried until one is beaten.  Those of the parabola count by
-    its scatter, which is more certain.  None if no other one is as good.
+    Delays further out are tried until one is beaten.  None if no other one is as good.
+    Those of the best one's own valley do not count: in between, the error is nowhere
+    above a straight line.  There, the scatter of the parabola is more certain.
     """
     for end, step in ((min, -APART), (max, APART)):
         while not _beaten(last := end(tried), tried):
@@ -168,8 +167,15 @@ def _as_good(
             if further in tried:
                 break
             total(further)
-    others = tried.keys() - {*places}
-    good = [delay for delay in others if not _beaten(delay, tried)]
+    best = min(tried, key=total)
+
+    def is_apart(delay: float) -> bool:
+        slope = (total(delay) - total(best)) / (delay - best)
+        between = [d for d in tried if 0.0 < (d - best) / (delay - best) < 1.0]
+        return any(total(d) > total(best) + slope * (d - best) for d in between)
+
+    others = [d for d in tried if d != best and not _beaten(d, tried)]
+    good = [d for d in others if is_apart(d)]
     return (min(good), max(good)) if good else None
 
 

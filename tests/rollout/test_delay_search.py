@@ -159,15 +159,17 @@ def test_it_is_outside_if_blocks_agree_so_much_by_chance_in_1_of_40_cases(
 
 
 def test_delays_as_good_are_looked_for_until_one_is_worse_with_certainty():
-    """The error is the same below 11 ms, and rises in all blocks above."""
+    """Below 8.5 ms blocks disagree if the error is larger; above 11 ms it rises."""
     tried = []
 
     def squares(delay):
         tried.append(delay)
-        return 1e-6 + np.full(8, max(delay - 0.011, 0.0) ** 2)
+        if delay < 0.0085:
+            return 1e-5 + 7e-6 * SIGNS
+        return 1e-5 + np.full(8, (delay - 0.011) ** 2)
 
     found = found_delay(squares, FAR, beyond=True)
-    assert found.as_good[0] == 0.0
+    assert found.as_good[0] == 0.0 and found.as_good[1] < 0.0085
     assert min(tried) == 0.0 and max(tried) == 0.011 + APART
 
 
@@ -196,3 +198,19 @@ def test_delays_that_diverge_are_not_as_good():
     assert found.as_good[0] == pytest.approx(0.006) and found.as_good[1] < 0.014
     nowhere = found_delay(lambda delay: np.full(8, np.inf), FAR, beyond=True)
     assert nowhere.as_good is None
+
+
+def test_the_only_valley_has_the_scatter_of_its_parabola_however_wide_it_is():
+    """Excess of squares is twice as uncertain as where their slope is zero.
+
+    At 5 ms from the least error, differences of blocks are by chance, and slopes not.
+    """
+    places = 0.011 + np.array([-4.0, 4.0, -3.0, 3.0, -4.0, 4.0, -2.0, 2.0]) * 1e-3
+
+    def one(delay):
+        return 1e-6 + (delay - places) ** 2
+
+    found = found_delay(one, FAR, beyond=True)
+    more = one(FAR[0]) - one(0.011)
+    assert (more < 0.0).sum() == 3 and found.as_good is None
+    assert found.interval == found_delay(one, FAR).interval
