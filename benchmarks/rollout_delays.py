@@ -123,9 +123,10 @@ def simulated(case: Case, robot: Robot | None = None) -> tuple[ci.Recording, PDG
     share = rng.uniform(0.08, 0.2, count)
     compiled, data = made.compiled, mujoco.MjData(made.compiled)
     per = round(1.0 / RATE / compiled.opt.timestep)
-    control = drive_commands(
-        log, gains, 1.0 / RATE / per, per * len(told), delay=case.delay
-    )
+    step = 1.0 / RATE / per
+    # A time step of MuJoCo is about its start, as `replay` knows.
+    late = case.delay + 0.5 * step
+    control = drive_commands(log, gains, step, per * len(told), delay=late)
     data.qpos[made.positions] = told[0]
     driven = [compiled.actuator(f"drive of {name}").id for name in names]
     found = np.zeros_like(told)

@@ -86,8 +86,8 @@ def delay_interval(
         return None
     around = [found.delay - APART, found.delay, found.delay + APART]
     ends = [own]
-    kinds = partial(found_delay, first=around, most=most, beyond=True)
-    for other in in_halves(kinds, others):
+    of_kind = partial(found_delay, first=around, most=most, beyond=True)
+    for other in in_halves(of_kind, others):
         near = other.at_bound or abs(other.delay - found.delay) < _FURTHEST
         if other.interval is None or not near:
             return None
