@@ -432,3 +432,11 @@ def test_slack_that_a_multiplier_pays_for_counts_into_the_gap(kind):
     optimality = certify(problem, point, ball_about(np.zeros(1)))
     assert optimality.stationarity == pytest.approx(0.0, abs=1e-15)
     assert optimality.gap * optimality.objective == pytest.approx(0.75)
+
+
+def test_a_solution_that_overflows_is_not_proven_and_warns_of_nothing():
+    problem, answer = _triangular(1)
+    none = Multipliers(np.zeros(0), np.zeros(0), (np.zeros((3, 3)),))
+    far = ConeSolution(1e200 * answer, none, "made up", 0.0, 0.0)
+    found = certify(problem, far, ball_about(np.zeros(6)))
+    assert found.gap == np.inf and found.verdict == "uncertified"
