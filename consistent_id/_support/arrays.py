@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from typing import Any
-from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +16,6 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 
 
-_frozen: WeakValueDictionary[int, Array] = WeakValueDictionary()
-"""What `frozen` made, by identity: others may have a view that can be written to."""
-
-
 def frozen(
     values: ArrayLike,
     shape: tuple[int | None, ...],
@@ -30,15 +25,10 @@ def frozen(
 ) -> Array:
     """Return a read-only float64 copy of `values`, of the given shape and finite.
 
-    A ``None`` in `shape` stands for any length.  An array that this function made is
-    returned itself.
+    A ``None`` in `shape` stands for any length.
     """
-    array = checked(values, shape, what, error, finite)
-    if _frozen.get(id(array)) is array and not array.flags.writeable:
-        return array
-    array = array.copy()
+    array = checked(values, shape, what, error, finite).copy()
     array.setflags(write=False)
-    _frozen[id(array)] = array
     return array
 
 
