@@ -114,6 +114,7 @@ def test_the_wrist_draws_what_it_is_to_write():
         assert away[2] == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_random_paths_of_the_benchmark_use_all_of_the_limits():
     cases = _benchmark("excitation").cases
     case = cases.rx60()
@@ -124,6 +125,7 @@ def test_random_paths_of_the_benchmark_use_all_of_the_limits():
         assert least < 0.01
 
 
+@pytest.mark.slow
 def test_simulated_scatter_is_that_of_the_prediction():
     excitation = _benchmark("excitation")
     cases, case = excitation.cases, excitation.cases.rx60()
@@ -309,6 +311,7 @@ def test_rivals_are_those_of_a_list_and_what_is_left_out_is_said(
     assert all(a.inputs != b.inputs for a, b in zip(both, after, strict=True))
 
 
+@pytest.mark.slow
 def test_rows_of_rivals_are_measured_once_for_the_same_inputs(rivals, tmp_path):
     measured = []
 
@@ -328,6 +331,7 @@ def test_rows_of_rivals_are_measured_once_for_the_same_inputs(rivals, tmp_path):
     assert rivals.Kept(None).done(job)[0][0][1] == "3"
 
 
+@pytest.mark.slow
 def test_a_delay_of_a_spoilt_torque_is_not_taken_out_of_other_logs(
     monkeypatch, tmp_path
 ):

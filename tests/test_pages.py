@@ -114,6 +114,7 @@ def test_a_command_that_prints_writes_between_its_own_marks(tmp_path):
     assert "no marks <!-- printing first 2 what b: begin -->" in last.stderr
 
 
+@pytest.mark.slow
 def test_a_stamp_is_that_of_a_command_with_its_arguments(tmp_path):
     page = tmp_path / "page.md"
     old = " on 2026-01-02 (commit abcdef12; machine not noted)"
@@ -140,6 +141,7 @@ def test_a_digest_is_that_of_settings_and_of_the_model(tmp_path):
     assert len({first, second, digest("arm", tmp_path)}) == 3
 
 
+@pytest.mark.slow
 def test_what_is_written_is_read_back(tmp_path, monkeypatch):
     page = tmp_path / "page.md"
     page.write_text("Before.\n\n<!-- table: begin -->\n<!-- table: end -->\n\nAfter.\n")

@@ -100,6 +100,7 @@ def test_results_are_the_same_wherever_the_work_is_done(work, where):
     np.testing.assert_array_equal(there, here)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["", *WHERE])
 def test_an_interrupt_keeps_the_replicates_so_far(where, monkeypatch):
     model, segments = _segments()

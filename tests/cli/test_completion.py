@@ -38,6 +38,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 def test_bash_completes_commands_options_and_choices(script):
     words = "\n".join(
         f'ask {" ".join(words.split(" ")[:-1])} "{words.split(" ")[-1]}"; echo =='

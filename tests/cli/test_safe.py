@@ -350,6 +350,7 @@ sys.exit(run())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_an_interrupt_while_python_ends_ends_it():
     ended = subprocess.run(
@@ -375,6 +376,7 @@ except SystemExit:
 """
 
 
+@pytest.mark.slow
 def test_a_process_of_the_tool_seldom_looks_for_garbage_and_not_at_its_end():
     call = [sys.executable, "-c", SELDOM]
     ended = subprocess.run(call, capture_output=True, text=True, check=True)

@@ -463,6 +463,7 @@ def test_help_finds_a_schema_by_the_format_of_an_object(topic, capsys):
     assert capsys.readouterr().out == by_name
 
 
+@pytest.mark.slow
 def test_a_schema_that_help_prints_refuses_what_lacks_a_key_of_a_shared_part(capsys):
     jsonschema = pytest.importorskip("jsonschema")
     assert main(["help", "verdict-1"]) == 0

@@ -69,6 +69,7 @@ def test_errors_are_those_computed_by_hand():
     )
 
 
+@pytest.mark.slow
 def test_the_constrained_robot_is_consistent_and_its_mass_matrix_positive():
     _, _, _, logs, estimates = _estimates()
     comparison = compare(estimates, [logs[1]], training=[logs[0]])
@@ -111,6 +112,7 @@ def _with_one_impossible_link():
     return compare([*estimates, anti], [logs[1]])
 
 
+@pytest.mark.slow
 def test_base_parameters_of_no_body_are_refused_however_well_they_fit():
     _, _, truth, logs, (plain, _) = _estimates()
     impossible = truth.copy()
@@ -124,6 +126,7 @@ def test_base_parameters_of_no_body_are_refused_however_well_they_fit():
     assert report.possible_links == (True, True, False)
 
 
+@pytest.mark.slow
 def test_the_distance_to_nominal_is_that_of_pseudo_inertias():
     """Half as much again in all four directions is ``||I / 2||``."""
     _, _, truth, logs, (plain, _) = _estimates()
@@ -133,6 +136,7 @@ def test_the_distance_to_nominal_is_that_of_pseudo_inertias():
     assert report.distance_to_nominal == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_comparing_nothing_or_different_models_is_refused():
     _, _, _, logs, (plain, _) = _estimates()
     with pytest.raises(ProblemError, match="no estimate"):
@@ -300,6 +304,7 @@ def test_tables_align_numbers_and_escape_bars_in_markdown():
     assert "| --- | ---: |" in table.markdown()
 
 
+@pytest.mark.slow
 def test_the_comparison_table_has_a_row_per_estimate_and_recording():
     _, _, _, logs, estimates = _estimates()
     tables = comparison_tables(compare(estimates, logs))

@@ -87,6 +87,7 @@ def test_a_constraint_within_two_errors_counts_as_active(inside, counts):
     assert test.p_value == pytest.approx(p, abs=0.07)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("errors", some_fast([3.0, 1.5]))
 def test_an_estimated_noise_level_makes_it_that_of_an_f_distribution(errors):
     model, _, regression = noisy_pendulum(1)
@@ -220,6 +221,7 @@ def test_noise_alone_is_no_contradiction_and_torque_of_no_body_is_one():
     assert "no consistent robot fits as well" in found.sentence
 
 
+@pytest.mark.slow
 def test_a_comparison_says_whether_the_data_mean_what_is_impossible():
     model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)
     rng = np.random.default_rng(0)
@@ -281,6 +283,7 @@ def test_no_draws_are_refused():
     assert consistency_test(model, regression, draws=1, enough=1).draws == 1
 
 
+@pytest.mark.slow
 def test_a_contradiction_goes_with_the_consistent_estimates_as_worth_knowing():
     model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)
     wrong = truth.copy()
@@ -324,6 +327,7 @@ def test_the_excess_of_a_moment_is_over_the_sum_of_the_other_two():
     assert "sum of the other two, 0.003, by 0.001" in in_words(body.vector)
 
 
+@pytest.mark.slow
 def test_draws_are_those_of_seed_zero_unless_another_is_given():
     model, _, regression = noisy_pendulum(1)
     few = {"draws": 30, "enough": 30, **half_space(model, regression, 0.5)}

@@ -133,6 +133,7 @@ def test_several_costs_are_each_solved_as_if_alone_also_after_one_without_a_poin
     assert found.x[0] == pytest.approx(0.0, abs=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("seed", range(4))
 def test_another_formulation_and_another_solver_agree(seed, formulation):

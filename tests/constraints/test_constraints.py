@@ -157,6 +157,7 @@ def _data(truth):
     )
 
 
+@pytest.mark.slow
 def test_every_constraint_holds_in_the_estimate_and_together():
     body = random_body(np.random.default_rng(4))
     regression = _data(np.concatenate([body.vector, body.vector]))

@@ -60,6 +60,7 @@ def _estimate(model, factor):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "found"), [(1.0, False), (2.0, True)])
 def test_a_clock_at_half_speed_makes_bodies_larger_than_the_robot(model, factor, found):
     estimate = _estimate(model, factor)

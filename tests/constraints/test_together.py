@@ -86,6 +86,7 @@ def test_nearly_all_end_in_a_score_of_steps(monkeypatch):
     assert np.mean(ended) >= 0.98
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flat", [1, 4])
 def test_a_flat_objective_has_the_least_value(flat):
     P, q, rows = programmes(1, (4, 4), 6, flat=flat)

@@ -51,6 +51,7 @@ def test_a_scale_that_explains_more_than_zeros_and_gains_is_named_instead():
     assert _instead([fitted, fitted], [ZERO, HIDDEN], left)[0].where == "joint3"
 
 
+@pytest.mark.slow
 def test_a_clock_that_explains_more_than_any_scale_stays():
     fitted = _fitted(1.25)
     clock = replace(ZERO, kind="clock")

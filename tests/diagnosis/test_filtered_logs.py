@@ -167,6 +167,7 @@ def test_a_coupling_that_only_validation_shows_is_a_note(where, severity):
     assert _of_the_robot([lag], {"early"}) == [lag]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["position", "torque", "clock"])
 def test_a_fault_is_taken_out_before_the_filter(kind):
     model, log = _run()

@@ -31,6 +31,7 @@ def fitted():
     return found
 
 
+@pytest.mark.slow
 def test_a_bound_is_never_above_the_misfit_of_the_best_possible_robot(fitted):
     better = 0
     for one, fit in fitted:

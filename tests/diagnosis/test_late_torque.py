@@ -37,6 +37,7 @@ def test_a_filter_of_first_order_answers_a_step_as_in_closed_form():
     np.testing.assert_allclose(low_pass(1.0 + 0.0 * t, 8.0), 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [16, 40])
 def test_a_long_delay_is_found_with_its_length(late):
     log = clean_log(4)

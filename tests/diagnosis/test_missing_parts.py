@@ -122,6 +122,7 @@ def test_a_residual_without_samples_is_that_of_the_fit_to_the_others():
     assert not without.rest[left].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [0, 1])
 def test_the_sign_that_a_torque_has_lost_is_found_again(joint):
     log = clean_log(4)

@@ -105,6 +105,7 @@ def test_the_proof_reaches_ten_times_as_far_as_the_nominal_robot():
     assert 10 <= reach < 1000
 
 
+@pytest.mark.slow
 def test_the_optimum_is_no_worse_than_the_truth_and_no_better_than_least_squares():
     model, truth, log = experiment(30, noise=3.0, samples=300)
     regression = build_regression(model, log)
@@ -253,6 +254,7 @@ def test_the_cost_of_a_constraint_is_the_misfit_that_vanishes_without_it():
     assert by_name["NonNegativeDrive"].increase == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_torque_of_the_wrong_sign_leaves_an_optimum_that_is_proven(seed):
     """One standard error is then far less than what any solver can use up."""

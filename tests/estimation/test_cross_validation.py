@@ -43,6 +43,7 @@ def simulated(seed, right, samples, noise, joints=3, count=12):
     return model, [s.weighted(weights) for s in segments], log
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", some_fast(["pullback", "euclidean", "entropic"]))
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_wrong_nominal_robot_gets_little_weight_where_data_are_rich(seed, distance):
@@ -55,6 +56,7 @@ def test_a_wrong_nominal_robot_gets_little_weight_where_data_are_rich(seed, dist
     assert all(path.certified)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", some_fast(["pullback", "euclidean", "entropic"]))
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_right_one_gets_much_where_data_are_scarce_and_noisy(seed, distance):
@@ -167,6 +169,7 @@ def test_weights_to_choose_from_are_two_in_a_factor_of_ten():
     np.testing.assert_allclose(GRID, np.logspace(2, -8, 21))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", ["pullback", "entropic"])
 @pytest.mark.parametrize("best", [0, 2, 7, 99])
 def test_every_second_weight_is_tried_and_those_beside_the_best(

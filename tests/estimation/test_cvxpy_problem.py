@@ -59,6 +59,7 @@ def test_the_problem_as_it_stands_is_that_of_the_constrained_estimate(seed, prio
     assert values[1] == pytest.approx(values[0], abs=2e-6 * max(values[0], 0.5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast(range(6), 2))
 def test_another_solver_finds_the_same_constrained_optimum(seed):
     form, _ = problem(seed, Penalty(0.3))
@@ -182,6 +183,7 @@ def test_an_own_optimum_is_certified_by_its_gap_and_by_its_rows(
     assert figures["violation by CVXPY's rows"] == violation
 
 
+@pytest.mark.slow
 def test_cones_without_a_proof_are_said_to_have_none():
     form, _ = problem(0)
     estimate = form.solve(terms=[-0.1 * cp.log(form.of("j0.viscous"))])
@@ -207,6 +209,7 @@ def test_a_datasheet_is_kept_to_the_last_digit():
     assert form.solve()["link1.m"] == 2.0
 
 
+@pytest.mark.slow
 def test_what_cannot_be_is_refused():
     form, _ = problem(0)
     with pytest.raises(InfeasibleError, match="your own"):

@@ -113,6 +113,7 @@ def test_tables_call_small_what_the_data_determine_to_be_small():
     assert p.verdict == "data" and p.source.startswith("small (± ")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.05, 3.0])
 def test_estimate_and_uncertainty_agree_on_what_the_data_determine(noise):
     model, log = noisy(noise)
@@ -126,6 +127,7 @@ def test_estimate_and_uncertainty_agree_on_what_the_data_determine(noise):
         assert (origin == "data") == (verdict == "data")
 
 
+@pytest.mark.slow
 def test_a_standard_error_holds_the_priors_bias_and_is_only_where_it_means_something():
     model, log = noisy(1.0)
     segments = segment_regressions(model, log, count=8)

@@ -89,6 +89,7 @@ def test_recordings_that_an_estimate_was_not_fitted_to_are_refused():
         estimate.uncertainty(log.samples(slice(0, 600)))
 
 
+@pytest.mark.slow
 def test_only_constrained_estimates_have_this_uncertainty(tmp_path):
     estimate, log = estimated()
     regression = build_regression(estimate.model, log)
@@ -169,6 +170,7 @@ def test_one_joint_is_drawn_into_one_axes_and_without_measured_torque(pyplot):
     np.testing.assert_array_equal(line.get_ydata(), estimate.predict(log)[:, 1])
 
 
+@pytest.mark.slow
 def test_torque_that_is_not_known_is_not_drawn(pyplot):
     estimate, log = estimated()
     known = np.ones(log.torque.shape, dtype=bool)
@@ -216,6 +218,7 @@ def parameters_drawn(estimate, names=None, axes=None):
     return draw_parameters(bars, estimate.method, axes)
 
 
+@pytest.mark.slow
 def test_parameters_are_drawn_with_bars_of_95_percent_by_unit(pyplot):
     estimate, _ = estimated()
     layout, errors = estimate.model.layout, estimate.parameter_errors

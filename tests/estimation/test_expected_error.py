@@ -132,6 +132,7 @@ def test_with_less_torque_the_range_holds_noise_and_errors_that_grow_with_it(for
     )
 
 
+@pytest.mark.slow
 def test_the_range_widens_upwards_with_the_distance_of_the_motion(forecast):
     model, truth, log, found = forecast
     widths = []

@@ -27,6 +27,7 @@ from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.signals import altered
 
 
+@pytest.mark.slow
 def test_every_estimator_says_how_well_it_fits():
     arm, _, recording = experiment(1, joints=2, noise=0.05)
     regression = build_regression(arm, recording)

@@ -22,6 +22,7 @@ def _found(noise, seed=0, known=KNOWN, **options):
     return identify_gains(model, loaded, unloaded, known=known, **options)
 
 
+@pytest.mark.slow
 def test_gains_are_exact_without_noise():
     started = perf_counter()
     found = _found(0.0)
@@ -184,6 +185,7 @@ def _moving(file, gains, folder):
     return log.samples(slice(moving[0], moving[-1]))
 
 
+@pytest.mark.slow
 def test_gains_scatter_as_much_more_as_the_noise_is_correlated(monkeypatch):
     seen = []
     monkeypatch.setattr(

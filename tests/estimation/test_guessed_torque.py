@@ -138,6 +138,7 @@ def errors_of_the_prior(model, log, truth):
     return prior_errors(model, free, truth, np.zeros((0, len(truth))))
 
 
+@pytest.mark.slow
 def test_a_rich_log_needs_no_prior_and_a_poor_one_a_good_prior():
     model, rich = logged(0)
     x = np.append(model.robot.nominal.ravel(), np.tile((1.0, 2.0, 0.3), 4))
@@ -154,6 +155,7 @@ def test_a_rich_log_needs_no_prior_and_a_poor_one_a_good_prior():
     assert np.isnan(of_poor).all()  # beyond the gate of all rows together
 
 
+@pytest.mark.slow
 def test_errors_of_the_prior_are_those_of_a_posterior_mean():
     """``cov = w K K^T w``, ``K = (w A^T A w + 1)^-1``, on torque of random motions."""
     model, log = logged(0, noise=1.0)
@@ -173,6 +175,7 @@ def test_errors_of_the_prior_are_those_of_a_posterior_mean():
     np.testing.assert_allclose(errors, np.sqrt(squares) / rows.rms(x), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_of_a_prior_that_the_log_contradicts_no_errors_are_known():
     model, right = logged(0)
     x = np.append(model.robot.nominal.ravel(), np.tile((1.0, 2.0, 0.3), 4))
@@ -212,6 +215,7 @@ def test_the_distance_of_nominal_bodies_is_that_of_the_nearest_that_fit(speed):
     assert (expected > AGREES) == (speed < 1.0)
 
 
+@pytest.mark.slow
 def test_of_a_penalty_no_errors_of_the_prior_are_known():
     model, log = logged(0)
     rows = build_regression(model, log)

@@ -67,6 +67,7 @@ def test_parameters_that_do_not_move_have_no_influence():
     assert nothing.small
 
 
+@pytest.mark.slow
 def test_what_data_determine_is_spanned_by_orthonormal_combinations():
     model, log = logged(0)
     free = least_squares_on(estimated(model, log), [log])

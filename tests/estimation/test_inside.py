@@ -141,6 +141,7 @@ def test_a_share_that_masses_do_not_allow_is_reduced(seed, joints):
     assert "contains at least 0.01 of its nominal body" in estimate.notes[0]
 
 
+@pytest.mark.slow
 def test_none_is_asked_for_without_physical_consistency():
     model, regression, _ = little_data(0)
     only = (NonNegativeDrive(),)

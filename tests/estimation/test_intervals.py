@@ -151,6 +151,7 @@ def test_scatter_between_blocks_and_shifts_widen_the_interval(count, joint):
     assert (found.level, found.joint) == (0.95, joint)
 
 
+@pytest.mark.slow
 def test_bodies_of_all_links_have_mass_and_moments_and_any_centre():
     """What least squares and the truth have is within, nothing below zero."""
     model, truth, log = experiment(2, joints=2, samples=60, noise=0.5)

@@ -104,6 +104,7 @@ def test_the_error_of_a_compliance_is_that_of_noise_beside_the_inertia(noise, of
     assert found == pytest.approx(error_of(noise), rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_spring_between_those_that_are_tried_is_found_with_its_error():
     noise = 0.02
     found = joint_springs(one_joint(), [log_of(1.0 / SPRING, noise)])
@@ -115,6 +116,7 @@ def test_a_spring_between_those_that_are_tried_is_found_with_its_error():
     assert found.standard_errors == pytest.approx([error], rel=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frequency", [5.5, 12.0, 17.0])
 def test_soft_and_stiff_springs_are_found(frequency):
     """The search begins with the stiffest."""

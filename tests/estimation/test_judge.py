@@ -42,6 +42,7 @@ def test_a_clean_log_is_used_by_ten_lines_of_python():
     assert str(verdict) == "use"
 
 
+@pytest.mark.slow
 def test_a_joint_s_reversed_torque_is_not_used_and_its_sign_is_named_first():
     verdict = verdict_of(with_torque(lambda torque: torque * [-1.0, 1.0]))
     assert verdict.word == "do not use"
@@ -50,10 +51,12 @@ def test_a_joint_s_reversed_torque_is_not_used_and_its_sign_is_named_first():
     assert verdict.lines[-1].endswith("consistent-id help bad-result")
 
 
+@pytest.mark.slow
 def test_all_torque_reversed_is_not_used():
     assert verdict_of(with_torque(np.negative)).word == "do not use"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [100.0, 0.01, 1.6])
 def test_a_wrong_gain_is_not_simply_used(gain):
     verdict = verdict_of(with_torque(lambda torque: gain * torque))
@@ -61,10 +64,12 @@ def test_a_wrong_gain_is_not_simply_used(gain):
     assert "gain or unit" in kinds(verdict) or "torque channel" in kinds(verdict)
 
 
+@pytest.mark.slow
 def test_torque_beyond_the_drive_s_limit_is_said():
     assert "effort limit" in kinds(verdict_of(with_torque(lambda tau: 100.0 * tau)))
 
 
+@pytest.mark.slow
 def test_gravity_taken_out_of_the_channel_is_said():
     raw = log().torque_filter.source
     still = replace(raw, velocity=0 * raw.velocity, acceleration=0 * raw.acceleration)
@@ -75,6 +80,7 @@ def test_gravity_taken_out_of_the_channel_is_said():
     assert {"torque channel", "nominal model"} & set(kinds(verdict))
 
 
+@pytest.mark.slow
 def test_torque_that_has_nothing_to_do_with_the_motion_is_not_used():
     noise = np.random.default_rng(0).normal(size=log().torque.shape)
     verdict = verdict_of(with_torque(lambda _: noise))
@@ -220,6 +226,7 @@ def test_an_unproven_optimum_asks_for_care():
     assert doubted.verdict.word == "use with care"
 
 
+@pytest.mark.slow
 def test_a_contradicting_mass_is_said_by_the_excess():
     arm, _, recording = pendulum()
     regression = build_regression(arm, recording)

@@ -26,6 +26,7 @@ from consistent_id.estimation.verdict import Verdict, confirmed
 from consistent_id.recordings.recording import LogFinding
 
 
+@pytest.mark.slow
 def test_a_gain_that_masses_and_drives_both_deny_is_refused():
     verdict = verdict_of(with_torque(lambda torque: 100.0 * torque))
     assert (verdict.word, kinds(verdict)[0]) == ("do not use", "gain or unit")

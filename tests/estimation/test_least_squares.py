@@ -54,6 +54,7 @@ def test_without_noise_the_true_base_parameters_come_back():
     assert estimate.certificate.verdict == "certified"
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 10**6),
@@ -209,6 +210,7 @@ def test_mixed_steps_settle_in_fewer_passes_than_reweighting_alone(monkeypatch):
     assert huber(model, spoiled, iterations=few).certificate.verdict == "uncertified"
 
 
+@pytest.mark.slow
 def test_hubers_standard_errors_are_those_of_least_squares_over_his_efficiency():
     """Of normal noise: 95 % at a bound of 1.345 standard deviations [Huber1981]_."""
     model, truth, log = _experiment(6, joints=2, samples=4000)

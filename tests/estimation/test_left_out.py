@@ -83,6 +83,7 @@ def test_the_torque_itself_is_the_error_of_no_parameters(logged):
     assert stacked_of_regression(model, merged(segments), nothing) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_the_spread_is_that_of_the_covariance(logged):
     model, segments, base = logged
     whole, block = merged(segments), segments[0]

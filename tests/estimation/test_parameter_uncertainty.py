@@ -69,6 +69,7 @@ def test_a_pendulum_shows_what_turns_about_its_axis_and_nothing_else():
     assert {name: p.verdict for name, p in by_name.items()} == expected
 
 
+@pytest.mark.slow
 def test_the_three_answers_enclose_the_value_and_agree_in_size():
     by_name, found = pendulum_answers()
     _, truth, _ = pendulum()

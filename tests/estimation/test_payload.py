@@ -198,6 +198,7 @@ def test_a_likely_body_is_the_estimate_if_that_is_a_body_and_the_nearest_else():
     assert likely_body(np.zeros(10)) is None
 
 
+@pytest.mark.slow
 def test_exchanged_runs_are_noticed_by_the_loads_weight():
     model, unloaded, loaded = runs(0.02)
     with pytest.raises(RecordingError, match=r"-3\.?\d* \+- .*exchanged"):
@@ -219,6 +220,7 @@ def test_constraints_on_the_robot_leave_the_load_alone_and_the_reverse():
     assert masses[4] == pytest.approx(3.05, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_what_a_motion_cannot_tell_of_a_load_is_open():
     bare, _ = arm()
     for k in range(4, 1, -1):  # one joint turns about the vertical

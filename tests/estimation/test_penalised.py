@@ -287,6 +287,7 @@ def test_fits_that_cannot_be_solved_together_are_solved_alone_or_are_none(
         np.testing.assert_array_equal(one.solution.u, other.solution.u)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", get_args(Distance))
 def test_a_firmer_belief_brings_the_robot_nearer_and_costs_fit(distance):
     model, regression = noisy(4, joints=3)
@@ -345,6 +346,7 @@ def test_a_point_that_is_no_body_is_not_certified_and_no_proof_is_asked_for():
         assert Compromise(fit, distance, 1.0).proven(known)[0] is known
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [0.8, 1.2])
 def test_of_a_rest_as_long_as_half_the_weight_the_distances_curvature_is_no_proof(
     length,
@@ -381,6 +383,7 @@ def test_of_a_rest_as_long_as_half_the_weight_the_distances_curvature_is_no_proo
     assert Compromise(fit, distance, weight).certified(found) == expected
 
 
+@pytest.mark.slow
 def test_multipliers_too_coarse_for_a_proof_are_asked_for_again():
     model, regression = noisy(8, joints=3)
     fit, distance = dimensionless(model, regression)
@@ -424,6 +427,7 @@ def test_what_a_compromise_gives_away_is_stated_as_misfit_above_the_best(weight)
     assert 1e-3 < given == pytest.approx(found.slack, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_where_newton_starts_does_not_matter():
     model, regression = noisy(6, joints=3)
     fit, distance = dimensionless(model, regression)

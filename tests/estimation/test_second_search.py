@@ -98,6 +98,7 @@ def test_it_agrees_where_the_robot_hardly_moves(seed):
     assert abs(check.difference) < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_what_the_data_leave_open_is_named_and_does_not_hinder(seed):
     model, regression = noisy(seed, 4, still=[0])
@@ -168,6 +169,7 @@ def test_derivatives_are_exact_where_a_fixed_centre_moves_with_a_free_mass():
     assert np.allclose(variables.curvature(v, g), bend, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_end_does_not_depend_on_the_start():
     model, regression = noisy(3, 3)
     rng = np.random.default_rng(0)

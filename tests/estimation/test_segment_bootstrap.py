@@ -68,6 +68,7 @@ def test_the_same_seed_gives_the_same_result():
     assert not np.allclose(other.estimates, first.estimates)
 
 
+@pytest.mark.slow
 def test_what_is_zero_but_for_rounding_is_zero(monkeypatch):
     model, segments, _ = simulated()
     solve = resampling.penalised_fits

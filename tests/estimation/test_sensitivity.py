@@ -80,6 +80,7 @@ def test_the_nearest_semidefinite_matrix_follows_by_its_known_derivative(eigenva
     assert pytest.approx(svec(dA), abs=1e-6) == B @ B.T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", ["pullback", "entropic"])
 @pytest.mark.parametrize("seed", some_fast([2, 5, 8]))  # nothing there is barely active
 def test_the_response_is_the_derivative_of_the_optimum_on_active_constraints(

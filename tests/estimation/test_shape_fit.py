@@ -91,6 +91,7 @@ def test_shapes_are_named_and_changed_by_name():
         with_shapes(model, {"joint2.colour": 1.0})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", [False, True])
 def test_other_shapes_give_the_regression_that_starting_anew_gives(load):
     model, log = _experiment(couplings=(COUPLING,))
@@ -113,6 +114,7 @@ def test_other_shapes_give_the_regression_that_starting_anew_gives(load):
     assert np.allclose(rms, anew.residual_rms(x), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_misfit_is_that_of_weighted_least_squares():
     model, log = _experiment()
     misfit = _misfit(model, log)
@@ -189,6 +191,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     assert inside > 33
 
 
+@pytest.mark.slow
 def test_a_shape_that_the_motion_cannot_show_is_left_open():
     # All rates are far beyond the velocity scale: the sign would do as well.
     model, log = _experiment(DriveTerms(coulomb="tanh", velocity_scale=1e-3), noise=1.0)

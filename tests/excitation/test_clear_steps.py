@@ -134,6 +134,7 @@ def test_the_work_of_a_step_grows_with_the_iterations_of_its_solver(monkeypatch)
     assert slow.spent == pytest.approx(10.0 * usual.spent)
 
 
+@pytest.mark.slow
 def test_the_limits_that_a_joint_affects_are_all_that_its_motion_can_violate():
     upper = Body("upper arm", Capsule(0.05, 0.2), "link1", None, [0.2, 0.0, 0.0])
     of = scene()
@@ -154,6 +155,7 @@ def test_the_limits_that_a_joint_affects_are_all_that_its_motion_can_violate():
         assert {kept[k]: more for k, more in some.spare.items()} == spare
 
 
+@pytest.mark.slow
 def test_a_random_path_is_enlarged_until_its_work_is_done():
     of = problem()
     for number in range(8):  # one that is in the way of something
@@ -172,6 +174,7 @@ def test_a_random_path_is_enlarged_until_its_work_is_done():
     assert drawn - known == pytest.approx(whole.work)
 
 
+@pytest.mark.slow
 def test_random_paths_swing_about_known_poses_where_none_is_clear(monkeypatch):
     """In a narrow gap, clear poses are looked for once, not for each path."""
     of = problem()
@@ -191,6 +194,7 @@ def test_random_paths_swing_about_known_poses_where_none_is_clear(monkeypatch):
     assert np.allclose(offset, 0.0)
 
 
+@pytest.mark.slow
 def test_random_paths_are_remembered_by_their_poses_and_cannot_be_changed():
     of = problem()
     poses = (np.zeros((1, 3)), np.full((1, 3), 0.1))

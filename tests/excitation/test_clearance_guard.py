@@ -150,6 +150,7 @@ def test_a_path_on_which_no_bodies_come_near_is_clear():
     assert guard.kept(basis.motion(variables, time))
 
 
+@pytest.mark.slow
 def test_a_path_is_clear_if_no_pose_of_it_is_too_near():
     guard = guarded()
     basis, time, variables = moving(guard, 241)

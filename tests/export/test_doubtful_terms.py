@@ -101,6 +101,7 @@ def test_what_is_left_out_is_listed_as_what_a_file_lacks(estimate):
     assert "every drive term" not in text
 
 
+@pytest.mark.slow
 def test_mjcf_lacks_them_and_says_so_at_both_doors_but_functions_have_them(estimate):
     pytest.importorskip("mujoco")
     mjcf = exported(estimate, "mjcf", allow_refused=True)

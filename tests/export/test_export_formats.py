@@ -334,6 +334,7 @@ def test_friction_by_position_counts_with_the_arm_of_its_tendon():
     assert cost.error < 0.05 * alone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("drag", "noted"), [(-0.5, True), (0.5, False)])
 def test_a_speed_beyond_which_friction_would_drive_a_joint_is_stated(drag, noted):
     rng = np.random.default_rng(7)

@@ -161,6 +161,7 @@ def test_locked_joints_count_where_they_are_locked(source):
     assert np.allclose(found, expected, rtol=0, atol=1e-10 * abs(expected).max())
 
 
+@pytest.mark.slow
 def test_what_stays_keeps_all_its_digits(source):
     robot = load_mjcf(source)
     estimate = estimate_of(TorqueModel(robot), [link.nominal for link in robot.links])

@@ -200,6 +200,7 @@ def test_roll_pitch_and_yaw_are_found_upright_too(pitch):
     assert np.allclose(again, rotation, rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_exporting_again_changes_nothing(written):
     path = written(DECORATED.replace("{0}", "utf-8"))
     estimate = random_estimate(np.random.default_rng(5), load_urdf(path), FRICTION)
@@ -242,6 +243,7 @@ def test_links_that_the_model_leaves_out_are_named(written):
     assert "left as they were: three" in to_urdf(estimate, path).notes[-1]
 
 
+@pytest.mark.slow
 def test_estimates_that_no_robot_has_are_refused(written):
     path = written(URDF)
     robot = load_urdf(path)
@@ -297,6 +299,7 @@ def test_mass_matrices_of_the_exported_robot_are_positive(written):
         assert np.linalg.eigvalsh(pin.crba(model, model.createData(), q))[0] > 0.0
 
 
+@pytest.mark.slow
 def test_rotor_inertia_and_offsets_are_in_a_file_beside(written, tmp_path):
     path = written(URDF)
     terms = DriveTerms(viscous=True, coulomb="sign", rotor_inertia=True, offset=True)

@@ -82,6 +82,7 @@ def test_urdf_has_the_bases_body_as_its_root(estimate, tmp_path):
     assert_same_bodies(load_urdf(again, base="floating"), estimate)
 
 
+@pytest.mark.slow
 def test_pinocchios_model_has_a_free_flyer(estimate):
     model = to_pinocchio(estimate, allow_refused=True)
     robot = estimate.model.robot

@@ -319,6 +319,7 @@ def test_a_file_says_what_its_robot_carries(folders, tmp_path, capsys):
     assert "every robot has a payload" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_robots_of_two_types_are_refused(folders, tmp_path, capsys):
     other = folders / "robot1" / "other.toml"
     other.write_text(FILE.format(name="other", rotor="true"))

@@ -12,6 +12,7 @@ def _factor(rng, x, columns, noise=1.0):
     return np.asarray(R)
 
 
+@pytest.mark.slow
 def test_the_statistic_of_equal_robots_is_chi_squared():
     rng = np.random.default_rng(5)
     x = rng.normal(size=6)

@@ -95,6 +95,7 @@ def test_what_a_load_takes_up_is_in_no_score(longer):
     assert abs(left.noise.scores[0]).max() > 1e-3 * abs(share.noise.scores[0]).max()
 
 
+@pytest.mark.slow
 def test_robots_weigh_as_their_noise_whichever_is_first(model, tmp_path):
     """A robot with ten times the noise tells a hundredth, and its peaks as much."""
     fleet, rng = fleet_model(model), np.random.default_rng(5)

@@ -73,6 +73,7 @@ def test_a_shape_of_the_file_is_the_curve_of_that_name(shape, keys, expected):
     assert curve_of(table).evaluate(u) == pytest.approx(expected.evaluate(u))
 
 
+@pytest.mark.slow
 def test_a_task_or_a_laboratory_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(ProblemError, match=r"no task 'cirlce'.*circle"):
         task_path(PROBLEM, "cirlce")

@@ -28,6 +28,7 @@ def _numbers(pattern, said):
     return [float(found) for found in re.findall(pattern, said)]
 
 
+@pytest.mark.slow
 def test_the_farthest_pose_of_two_links_is_the_stretched_arm():
     scene = build_scene(PLANAR, [_ball("link1"), _ball("link3")])
     poses = random_poses(PLANAR, 20, 0)

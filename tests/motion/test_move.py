@@ -86,6 +86,7 @@ def test_a_trajectory_at_rest_gets_point_to_point_moves_or_none():
     assert np.allclose(way.control[3:], home, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_where_no_polynomial_leads_to_a_state_two_meet_at_rest():
     # One joint has far to go, slowly; the other is fast and has no room for long.
     path = FourierTrajectory(("far", "fast"), [1.0], [0, 0], [[0, 0.3]], [[0, 0]], 5.0)
@@ -101,6 +102,7 @@ def test_where_no_polynomial_leads_to_a_state_two_meet_at_rest():
     assert all((abs(v) <= own.derivative(k)).all() for k, v in enumerate(values))
 
 
+@pytest.mark.slow
 def test_periods_repeat_and_their_rows_can_be_told():
     path = periodic()
     move = move_along(path, limits_of(path), from_pose=[0, 0, 0], periods=3)

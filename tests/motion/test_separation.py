@@ -57,6 +57,7 @@ def test_hulls_are_as_far_apart_as_a_quadratic_programme_says(seed):
     assert np.isclose(near.distance[0, 0], np.sqrt(gap.value), atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rim", (254, 255, 1000))
 def test_a_cone_of_a_fine_mesh_is_as_far_away_as_its_tip(rim):
     # Coal refuses corners with 255 neighbours or more, such as the tip.

@@ -191,6 +191,7 @@ def test_of_several_robots_the_worst_counts_and_mixtures_are_no_worse():
     assert (torque <= together.highest).all() and (torque >= together.lowest).all()
 
 
+@pytest.mark.slow
 def test_joints_without_a_torque_have_no_bound():
     _, robot = random_robot(np.random.default_rng(5), 3)
     path = random_path(5, robot.joint_names)
@@ -346,6 +347,7 @@ def test_paths_and_parameters_of_other_robots_are_refused():
         torque_bounds(one_sine(("joint1",)), model, point_mass(), tolerance=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast(range(3)))
 def test_torques_of_a_move_are_bounded_on_both_sides_of_its_junctions(seed):
     rng = np.random.default_rng(seed)

@@ -24,6 +24,7 @@ def _dense(model, x, path, samples=40_001):
     return time, model.predict(x, *path.evaluate(time))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast(range(3)))
 def test_bounds_are_above_what_samples_show_and_near(seed):
     rng = np.random.default_rng(seed)

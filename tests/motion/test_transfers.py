@@ -127,6 +127,7 @@ def test_an_approach_comes_from_rest_and_a_departure_is_its_mirror(seed):
         np.testing.assert_allclose(seen[1:, still], 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_approach_begins_as_near_to_a_pose_as_limits_allow():
     state = MotionState(("j0", "j1"), [[0.5, 0.5], [0.2, 1.9], [0.0, 0.0], [0.0, 0.0]])
     middle, near = (approach(state, limits(2), near=x) for x in (None, [0.4, 3.0]))

@@ -299,6 +299,7 @@ def test_the_speed_of_a_log_is_the_rms_of_all_recordings():
     assert log_speeds(logs) == pytest.approx({"a": np.sqrt(12.5), "b": 1.0})
 
 
+@pytest.mark.slow
 def test_rotor_and_link_of_a_first_joint_are_one_sum_and_not_compared(tmp_path):
     """Its rotor is the prior's."""
     urdf, _ = write_arm(tmp_path)

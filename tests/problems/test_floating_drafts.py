@@ -225,6 +225,7 @@ def test_hints_of_a_base_that_is_fixed_are_refused(folder):
         )
 
 
+@pytest.mark.slow
 def test_a_robot_on_legs_with_a_moving_base_in_its_log_is_asked_about(folder):
     (folder / "fixed.xml").write_text(quadruped_text(joint=""))
     with pytest.raises(ci.ProblemError, match=r"If the base moves, add --base float"):

@@ -340,6 +340,7 @@ def test_a_sensor_whose_bias_drifts_tells_the_tool_all_the_same(
     assert errors[1].standard_errors[0] > 1.05 * errors[0].standard_errors[0]
 
 
+@pytest.mark.slow
 def test_a_bias_that_drifts_and_is_not_there_is_refused(wrist, tmp_path):
     keys = 'tool = "gripper"\nbias = false\ndrift = "linear"'
     (tmp_path / "problem.toml").write_text(WRIST.replace('tool = "gripper"', keys))
@@ -347,6 +348,7 @@ def test_a_bias_that_drifts_and_is_not_there_is_refused(wrist, tmp_path):
         ci.load_problem(tmp_path)
 
 
+@pytest.mark.slow
 def test_what_takes_all_recordings_at_once_is_not_streamed(wrist, folder, tmp_path):
     keys = 'tool = "gripper"\ndrift = "linear"'
     (tmp_path / "problem.toml").write_text(WRIST.replace('tool = "gripper"', keys))

@@ -68,6 +68,7 @@ def arm_with_late_velocity(tmp_path_factory):
     return urdf, log
 
 
+@pytest.mark.slow
 def test_a_draft_differentiates_the_position_instead_and_says_so(
     arm_with_late_velocity,
 ):
@@ -170,6 +171,7 @@ def test_rows_that_lack_the_velocity_alone_are_left_out(tmp_path, cell):
     assert len(load_problem(file).training) == 2  # the gap is cut
 
 
+@pytest.mark.slow
 def test_a_velocity_that_many_rows_lack_is_not_read(tmp_path):
     urdf, log = with_rates(tmp_path, 1.0)
     with_cell(log, range(501, 1501), "")
@@ -229,6 +231,7 @@ def test_a_joint_without_torque_is_left_out_by_the_option_that_is_named(tmp_path
     assert draft.columns.velocity is None
 
 
+@pytest.mark.slow
 def test_missing_positions_are_refused_beside_missing_velocities(tmp_path):
     urdf, log = with_rates(tmp_path, np.nan)
     lines = log.read_text().splitlines()

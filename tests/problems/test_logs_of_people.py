@@ -146,6 +146,7 @@ def test_the_option_in_the_message_reads_the_bag(arm, tmp_path):
     np.testing.assert_array_equal(found.position, log.position)
 
 
+@pytest.mark.slow
 def test_the_option_in_the_message_reads_a_table(arm, tmp_path):
     urdf, csv, log = arm
     head, rows = csv.read_text().split("\n", 1)

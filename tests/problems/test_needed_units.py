@@ -55,6 +55,7 @@ def test_each_option_has_all_its_values():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seconds", "unit", "word"), [(86400.0, "day", "days"), (3600.0, "h", "hours")]
 )
@@ -141,6 +142,7 @@ def test_counts_with_signs_leave_those_of_a_turn_open(arm, tmp_path):
     assert options == "--names a=shoulder b=elbow --units position=rev/COUNTS"
 
 
+@pytest.mark.slow
 def test_counts_in_two_names_are_asked_for_at_once(arm, tmp_path):
     urdf, log = arm
     names = ["time", "q1_ticks", "q2_ticks", *(f"dq{k}_counts_per_min" for k in (1, 2))]
@@ -154,6 +156,7 @@ def test_counts_in_two_names_are_asked_for_at_once(arm, tmp_path):
     assert caught.value.options == units
 
 
+@pytest.mark.slow
 def test_the_only_columns_of_own_names_without_a_word_may_be_torques(arm, tmp_path):
     urdf, log = arm
     path = _csv(tmp_path, log)

@@ -183,6 +183,7 @@ def test_the_command_to_try_is_the_one_given_with_the_options(tmp_path, arm, cap
     assert robot_logs(robot, log, stated).read(log).joints == arm.joint_names
 
 
+@pytest.mark.slow
 def test_the_files_of_one_recording_are_replaced_by_their_folder(tmp_path, arm, capsys):
     t, q, _, _ = motion()
     folder, names = tmp_path / "run", ("position", "effort")
@@ -200,6 +201,7 @@ def test_the_files_of_one_recording_are_replaced_by_their_folder(tmp_path, arm, 
     assert abs(read.torque - GAINS * currents(arm)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_files_are_replaced_however_their_paths_are_written(
     tmp_path, arm, capsys, monkeypatch
 ):

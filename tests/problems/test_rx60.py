@@ -124,6 +124,7 @@ def test_tables_4_and_5_follow_from_table_3_to_the_printed_digits():
         assert difference <= 1e-4, name
 
 
+@pytest.mark.slow
 def test_no_body_with_the_datasheet_masses_has_any_of_the_published_vectors():
     report = rx60.report()
     assert len(report.vectors) == 7

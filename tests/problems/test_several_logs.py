@@ -146,6 +146,7 @@ def test_a_score_is_the_error_that_the_comparison_has(arm):
     assert score.stacked == pytest.approx(stacked, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_raw_log_has_no_score(arm):
     urdf, first, _, _ = arm
     draft = draft_problem(urdf, first, select=False, cutoff=10.0)
@@ -186,6 +187,7 @@ def in_degrees(log, folder):
     return file
 
 
+@pytest.mark.slow
 def test_a_log_in_its_makers_units_is_the_same_log(arm, tmp_path):
     urdf, first, _, _ = arm
     maker = in_degrees(first, tmp_path)

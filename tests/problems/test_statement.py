@@ -235,6 +235,7 @@ def renamed(arm, folder, header=lambda line: line, rows=lambda lines: lines):
     return arm[0], log
 
 
+@pytest.mark.slow
 def test_a_log_with_other_names_of_joints_is_read(arm, tmp_path):
     def header(line):
         return line.replace("shoulder", "Base").replace("elbow", "Upper")
@@ -257,6 +258,7 @@ def test_a_log_with_other_names_of_joints_is_read(arm, tmp_path):
         robot_logs(*arm, Statement(names={"foo": "shoulder"}))
 
 
+@pytest.mark.slow
 def test_of_a_csv_file_one_column_is_no_array_of_joints(arm, tmp_path):
     def header(line):
         return "time,s_q,e_q,s_tau,e_tau"
@@ -268,6 +270,7 @@ def test_of_a_csv_file_one_column_is_no_array_of_joints(arm, tmp_path):
     assert found.columns.position == "{joint}_q"
 
 
+@pytest.mark.slow
 def test_a_clock_that_is_not_in_seconds_is_refused_with_the_option(arm, tmp_path):
     def dates(lines):
         rows = (line.split(",", 1) for line in lines)

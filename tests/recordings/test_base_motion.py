@@ -118,6 +118,7 @@ def test_contacts_are_read_from_forces_and_doubted_around_their_changes():
     assert np.flatnonzero(~flags.certain).tolist() == [2, 3, 5, 6]
 
 
+@pytest.mark.slow
 def test_filtered_motion_of_a_base_is_the_true_one_below_the_cut_off(swing):
     """Motion of 0.8 Hz; a filter of 20 Hz leaves (0.04)^8 less of it."""
     x, quaternion, R, truth = swing

@@ -121,6 +121,7 @@ def test_a_joint_of_much_noise_does_not_widen_the_error_of_a_delay():
     assert beside < 1.5 * alone
 
 
+@pytest.mark.slow
 def test_a_delay_longer_than_the_longest_is_refused():
     # Slow signals are similar at the longest delay, too: they are still 0.1 s apart.
     time = np.arange(4000) / 100.0
@@ -148,6 +149,7 @@ def test_a_period_of_the_filter_is_left_out_at_each_end_of_the_late_signal():
     assert ends == [(11.0, 29.0), (9.5, 30.5)]
 
 
+@pytest.mark.slow
 def test_a_joint_at_rest_says_nothing_and_the_reverse_delay_is_the_negative():
     a, b, _ = pair(1, "position", "velocity", (200, 200), (1e-4, 0.01))
     moving = np.array([1.0, 0.0, 1.0])

@@ -45,6 +45,7 @@ def test_a_suffix_belongs_to_one_format_and_an_unknown_one_is_answered_with_all(
     assert all(suffix in str(refusal.value) for suffix in suffixes)
 
 
+@pytest.mark.slow
 def test_the_table_imports_no_array_library():
     code = "import sys, consistent_id.recordings.log_formats; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -73,6 +73,7 @@ def in_degrees(t, q, tau, unit="Nm"):
     return f"t={1e3 * t:.4f}ms " + " ".join(each)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", ["Nm", "N m", "N.m"])
 def test_units_behind_values_are_those_of_their_columns(tmp_path, unit):
     file = tmp_path / "printed.log"

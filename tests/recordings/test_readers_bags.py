@@ -127,6 +127,7 @@ def test_joints_are_matched_by_name_and_effort_is_torque(save):
     assert (log.joints, log.name, log.acceleration) == (JOINTS, path.name, None)
 
 
+@pytest.mark.slow
 def test_the_topic_is_the_one_asked_for(save):
     path = save({"/a/joint_states": states(3), "/b": states(5)})
     assert len(read_recording(path, JOINTS, topic="/b")) == 5

@@ -174,6 +174,7 @@ def test_a_joint_cannot_be_asked_for_twice():
         recording().of(("wrist", "wrist"))
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(
     st.integers(2, 30),

@@ -42,6 +42,7 @@ def cut(function, log, *arguments):
         return []
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(STEPS)
 def test_a_recording_is_cut_after_the_last_sample_before_each_gap(steps):

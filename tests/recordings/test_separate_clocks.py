@@ -106,6 +106,7 @@ def test_a_track_has_a_channel_that_recordings_have():
         track(log(), "torque")
 
 
+@pytest.mark.slow
 def test_a_delay_of_the_reference_is_a_negative_one_with_the_inverse_gain():
     time = np.arange(2000) / 100.0
     angle, rate = np.sin(3 * time + time**2 / 8), 3 + time / 4

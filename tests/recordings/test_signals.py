@@ -71,6 +71,7 @@ def cubic(time):
     return 2.0 - time + 0.5 * time**2 - 0.25 * time**3
 
 
+@pytest.mark.slow
 @REPEATABLE
 @example(6, 1.7, 2.0)
 @given(st.integers(4, 60), st.floats(0.5, 5.0), st.floats(0.81, 20.0))

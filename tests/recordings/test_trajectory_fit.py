@@ -27,6 +27,7 @@ def random_trajectory(frequencies, seed, joints=3):
     )
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(st.integers(1, 4), st.sampled_from([0.05, 0.1, 0.13]), st.integers(0, 1000))
 def test_coefficients_of_several_bases_are_recovered_on_a_jittered_clock(

@@ -86,6 +86,7 @@ def test_a_coarse_position_is_not_taken_for_the_torque_of_its_rates():
     assert (found.position, found.velocity) == (2, 4)
 
 
+@pytest.mark.slow
 def test_hundreds_of_columns_are_compared_in_a_moment():
     t, q, dq, torque = motion()
     noise = np.random.default_rng(0).normal(size=(len(t), 1200)).cumsum(axis=0)

@@ -119,6 +119,7 @@ def test_friction_adds_its_columns_and_rotors_all_but_the_first_two():
         assert group.endswith(f" + joint{k}.rotor_inertia")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("joints", "tree", "seed"), SERIAL_AND_TREES)
 def test_base_columns_span_pinocchios_regressor_and_are_independent(joints, tree, seed):
     rng = np.random.default_rng(seed)
@@ -183,6 +184,7 @@ def test_base_parameters_check_and_freeze_their_map():
         BaseParameters(base.layout, base.independent, base.dependent, np.eye(3))
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(1, 6))
 def test_columns_are_split_from_left_to_right_whatever_their_scale(seed, rows, columns):

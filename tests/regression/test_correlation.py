@@ -142,6 +142,7 @@ def test_a_regression_counts_effective_samples_of_each_joint():
     assert again.effective == pytest.approx(regression.effective, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_decimated_rows_have_as_much_less_correlation():
     model, log = slow_log(0, 8000)
     rng = np.random.default_rng(4)

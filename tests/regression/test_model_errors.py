@@ -237,6 +237,7 @@ def test_the_sums_of_blocks_are_those_of_the_recording():
     assert part.normals.sum(axis=0) == pytest.approx(rows.T @ rows)
 
 
+@pytest.mark.slow
 def test_standard_errors_grow_by_its_root_and_estimates_do_not_change():
     model, log = noisy(2, shift=0.1)
     regression = ci.build_regression(model, log)

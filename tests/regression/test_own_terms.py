@@ -213,6 +213,7 @@ def test_a_term_without_casadi_columns_is_refused_by_a_design_with_the_reason():
         casadi_regressor(TorqueModel(ARM, DriveTerms(terms=[Branch()])))
 
 
+@pytest.mark.slow
 def test_what_cannot_be_enclosed_is_refused_where_its_torque_is_to_be_proven():
     model = TorqueModel(ARM, DriveTerms(viscous=True, terms=[Gate()]))
     x = parameters(model)

@@ -109,6 +109,7 @@ def test_weights_divide_each_joints_rows_and_replace_one_another():
     np.testing.assert_array_equal(plain.sigma, 1.0)
 
 
+@pytest.mark.slow
 def test_adding_two_recordings_equals_building_from_both():
     rng = np.random.default_rng(5)
     pin_model, robot = random_robot(rng, 4)

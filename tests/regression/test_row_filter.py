@@ -160,6 +160,7 @@ def test_the_truth_stays_exact_where_friction_jumps(way):
     assert (found.residual_rms(truth) < 1e-12 * found.torque_rms).all()
 
 
+@pytest.mark.slow
 def test_segments_and_their_sum_hold_the_truth():
     model, truth, log = _run()
     smooth = low_passed(log, torque_cutoff=CUTOFF)
@@ -237,6 +238,7 @@ def test_workers_that_want_the_same_rows_at_once_compute_them_once(monkeypatch):
     assert np.array_equal(every, motion_of(model, smooth, None).filtered.kept)
 
 
+@pytest.mark.slow
 def test_rows_that_are_kept_are_those_that_are_computed_piece_by_piece():
     model, _, log = _run(20_000)
     motion = motion_of(model, low_passed(log, torque_cutoff=CUTOFF), None)

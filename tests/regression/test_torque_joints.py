@@ -60,6 +60,7 @@ def test_the_regression_has_the_factors_of_these_joints():
         assert np.allclose(mine.T @ mine, gram, rtol=0, atol=1e-12 * abs(gram).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimate", [least_squares, constrained_least_squares, huber])
 def test_what_the_other_columns_hold_is_of_no_account(estimate):
     torque = LOG.torque.copy()

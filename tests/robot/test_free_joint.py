@@ -31,6 +31,7 @@ def test_the_base_of_an_mjcf_robot_floats_when_it_is_said_to(quadruped, joint):
     assert robot.links[0].nominal.mass == 7.0
 
 
+@pytest.mark.slow
 def test_ranks_of_a_quadruped_are_known(quadruped):
     """Three links with parallel second and third axes: 17 parameters with held trunk.
 

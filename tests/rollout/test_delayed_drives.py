@@ -177,6 +177,7 @@ def test_the_buffer_holds_the_delay_at_the_step_of_the_file(leg, tmp_path):
     assert "0.5 ms late, which is one step" in made.notes[-1]
 
 
+@pytest.mark.slow
 def test_the_robots_file_itself_stays_as_it_is(leg):
     own = estimate(leg)
     plain = to_mjcf(own, leg, allow_refused=True)

@@ -102,6 +102,7 @@ def test_motors_are_equal_unless_their_own_are_worth_it(
     assert found.equal_motors == (pair if taken else None)
 
 
+@pytest.mark.slow
 def test_motors_are_equal_if_their_own_are_better_by_chance(tmp_path, monkeypatch):
     problem, pair = leg(tmp_path), (("hip", "knee"),)
     monkeypatch.setattr(choice_module, "mirrored_motors", lambda robot: pair)

@@ -92,6 +92,7 @@ def test_a_motion_that_diverges_is_an_error_and_mujoco_writes_nothing(
     assert mujoco.get_mju_user_warning() is None
 
 
+@pytest.mark.slow
 def test_a_users_own_handler_of_warnings_stays(problem):
     seen = []
     mujoco.set_mju_user_warning(seen.append)
@@ -104,6 +105,7 @@ def test_a_users_own_handler_of_warnings_stays(problem):
         mujoco.set_mju_user_warning(None)
 
 
+@pytest.mark.slow
 def test_a_robot_without_inertia_diverges(problem):
     estimate, _ = torque_fit(problem)
     x = estimate.parameters.copy()

@@ -156,6 +156,7 @@ def test_joints_without_range_do_not_end_the_choice(folder, tmp_path):
     assert any(s.friction_slope == ("knee",) for s, _ in choice.tried)
 
 
+@pytest.mark.slow
 def test_a_candidate_that_cannot_be_built_is_skipped_with_its_reason(folder, tmp_path):
     (tmp_path / "log.csv").write_bytes((folder / "log.csv").read_bytes())
     bare = (folder / "leg.xml").read_text().replace('range="-1.5 1.5"', "")

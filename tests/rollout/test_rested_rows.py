@@ -69,6 +69,7 @@ def test_delay_and_cutoff_are_found_again_without_rows_of_slow_joints(problem):
     assert found.delay == pytest.approx(0.001, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_rows_of_slow_joints_stay_where_little_is_left_without_them(problem):
     candidates = Stated(problem, lambda s: 1.0 + (s.least_joint_speed is not None))
     start = Settings()

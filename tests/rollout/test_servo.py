@@ -140,6 +140,7 @@ def test_a_log_for_validation_changes_nothing_that_is_learnt(pendulum, monkeypat
         identify_servos(pendulum, [log], [log])
 
 
+@pytest.mark.slow
 def test_short_pieces_do_not_shorten_windows(pendulum):
     long, short = a_log(pendulum, 6.0), a_log(pendulum, 0.2)
     assert fitting._window([long, short]) == fitting.WINDOW
@@ -152,6 +153,7 @@ def test_short_pieces_do_not_shorten_windows(pendulum):
     assert all(len(time) for time in pieces.times)
 
 
+@pytest.mark.slow
 def test_samples_that_a_first_speed_is_smoothed_over_do_not_count(pendulum):
     log = a_log(pendulum, 6.0)
     cut = {k: getattr(log, k)[::6] for k in ("time", "position", "goal", "duty")}

@@ -17,6 +17,7 @@ from consistent_id.rollout.servo_columns import logged_joints
 from consistent_id.rollout.servo_log import read_servo_sets
 
 
+@pytest.mark.slow
 def test_columns_units_gaps_and_full_duty_are_found(pendulum, tmp_path):
     log = a_log(pendulum)
     (read,) = read_servo_logs([written(tmp_path / "a.csv", log)], ("servo",))

@@ -154,6 +154,7 @@ def test_a_push_that_moves_a_resting_arm_does_not_hide_itself():
     assert found.contact[6000:6010].any()
 
 
+@pytest.mark.slow
 def test_a_clock_that_goes_back_is_refused_and_one_that_stands_is_not(detector):
     state = detector.step(detector.start(5.0), 5.0, np.zeros(3))
     state = detector.step(state, 5.0, np.zeros(3))

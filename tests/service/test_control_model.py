@@ -307,6 +307,7 @@ def test_a_state_that_is_no_array_of_numbers_is_refused(wrong, why):
         control_model(driven()).gravity(wrong)
 
 
+@pytest.mark.slow
 def test_states_of_other_numbers_of_samples_and_words_as_widths_are_refused():
     control = control_model(driven())
     with pytest.raises(ProblemError, match="the same number of samples"):

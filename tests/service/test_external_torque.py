@@ -50,6 +50,7 @@ def test_external_torque_follows_a_step_like_a_filter_of_first_order():
     np.testing.assert_allclose(found, expected, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_sample_by_sample_is_the_same():
     control, log = pushed(100.0)
     observer = MomentumObserver(control, np.linspace(10.0, 40.0, 6))

@@ -73,6 +73,7 @@ def test_the_table_states_what_the_problem_file_needs(found):
         np.testing.assert_allclose(shown, values, rtol=0.06)  # two digits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 0.1])
 def test_gains_are_not_off_where_none_is_stated(found, scale):
     """A log in amperes is read with `--torque-gain 1`; one in N m may be, too."""

@@ -82,6 +82,7 @@ def quadratic(factor):
     return factor.T @ factor
 
 
+@pytest.mark.slow
 def test_without_forgetting_the_factor_is_that_of_the_whole_log(estimate):
     online = OnlineEstimate(estimate, memory=np.inf, period=100.0)
     whole = log(5, seconds=2.0)
@@ -95,6 +96,7 @@ def test_without_forgetting_the_factor_is_that_of_the_whole_log(estimate):
     assert abs(quadratic(state.factor) - expected).max() < 1e-12 * expected.max()
 
 
+@pytest.mark.slow
 def test_older_samples_fade_by_their_age_alone(estimate):
     # The same samples in blocks of other lengths: the same factor.
     whole = log(6, seconds=1.5)
@@ -185,6 +187,7 @@ def test_without_an_end_of_its_period_an_estimate_stays_as_it_is(estimate):
     assert state.prediction_errors.shape == (2,) and state.weight > 0.0
 
 
+@pytest.mark.slow
 def test_standard_errors_are_those_under_the_equalities(estimate):
     """Of generalised least squares with Lagrange multipliers, solved densely."""
     online = OnlineEstimate(estimate, memory=np.inf, period=0.01)

@@ -164,6 +164,7 @@ def test_a_stated_mass_is_kept_and_a_right_one_contradicts_nothing(problem, file
     assert "mass contradicts the scale" not in kinds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scale", "kinds"), [(3.0, ()), (2.0, ("mass contradicts the scale",))]
 )
@@ -384,6 +385,7 @@ def test_a_broken_row_of_a_loaded_log_is_left_out_by_its_own_option(
     assert " --omit" not in str(raised.value)
 
 
+@pytest.mark.slow
 def test_misfits_of_links_are_those_of_least_squares(problem, files, found):
     """The misfit of the load's own link is the sum over samples of its fit."""
     robot, runs = found.payload.robot, LoadedRuns(problem, (files["loaded"],), None, ())

@@ -117,6 +117,7 @@ def test_hdf5_data_that_are_kept_in_other_files_are_not_read(tmp_path):
             read_recording(tmp_path / "log.h5", [joint], Columns())
 
 
+@pytest.mark.slow
 def test_a_compressed_matlab_file_that_states_much_more_is_refused(tmp_path):
     zeros = np.zeros(6_000_000, np.int8)
     savemat(tmp_path / "log.mat", {"time": zeros, "q_a": zeros}, do_compression=True)

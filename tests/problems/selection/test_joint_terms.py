@@ -54,6 +54,7 @@ def test_a_term_is_believed_by_size_blocks_and_standard_error(share, error, won,
     assert believable(Gain(share, error, won)) is said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("share", "error", "said"),
     [(0.07, 0.006, True), (0.04, 0.001, False), (0.08, 0.05, False)],

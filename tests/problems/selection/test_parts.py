@@ -126,6 +126,7 @@ def test_factors_do_not_depend_on_which_were_made_before(tmp_path):
     assert fresh.counts.sum() < used.factors(choice).counts.sum()  # slow rows are out
 
 
+@pytest.mark.slow
 def test_friction_that_comes_late_is_no_delay_of_all_torque(tmp_path):
     urdf, log = write_arm(tmp_path)
     names = log.read_text().splitlines()[0]
@@ -154,6 +155,7 @@ def _predicted(model, x, samples):
     return np.concatenate(found)
 
 
+@pytest.mark.slow
 def test_errors_from_factors_are_those_of_the_predicted_torque(begun):
     evaluator, plain = begun.evaluator, begun.plain
     samples = evaluator.samples(plain.choice.motion_cutoff)

@@ -161,6 +161,7 @@ def test_forces_tell_whether_the_contacts_are_where_they_are_said_to_be(robot):
         contact_force_left(model, replace(log, wrenches=()))
 
 
+@pytest.mark.slow
 def test_doubtful_samples_have_no_rows(robot):
     log = standing(robot, np.array(THREE * 50))
     model = contact_free_model(TorqueModel(robot))
@@ -175,6 +176,7 @@ def test_doubtful_samples_have_no_rows(robot):
         contact_free_regression(model, replace(log, contacts=tuple(never)))
 
 
+@pytest.mark.slow
 def test_two_contacts_at_one_point_are_one(robot):
     log = standing(robot, np.array(EVERY * 100))
     model = contact_free_model(TorqueModel(robot))
