@@ -241,8 +241,8 @@ def in_halves(
 ) -> Iterator[_R]:
     """Yield the results of tasks in their order.
 
-    A copy of this process does the second half, see `beside`.  Without one, each task
-    is done here when its result is needed.
+    A copy of this process, which has the tasks already, does the second half, see
+    `beside`.  Without one, each task is done here when its result is needed.
 
     Parameters
     ----------
@@ -255,18 +255,18 @@ def in_halves(
     [1, 2, 3]
     """
 
-    def each(some: Sequence[_T]) -> list[_R]:
-        return [function(task) for task in some]
+    def from_there_on(first: int) -> list[_R]:
+        return [function(task) for task in tasks[first:]]
 
     middle = (len(tasks) + 1) // 2
     if middle == len(tasks) or samples > FEW_SAMPLES:
         yield from map(function, tasks)
         return
-    with companion(each) as handed:
+    with companion(from_there_on) as handed:
         if handed is None:
             yield from map(function, tasks)
             return
-        others = handed(tasks[middle:])
+        others = handed(middle)
         yield from map(function, tasks[:middle])
         yield from others()
 
@@ -279,7 +279,8 @@ def companion(
 
     It is None where no copy can be made.  The copy stays until the end, and keeps what
     it computes, so that many short tasks do not each begin one.  It does one after
-    another.  If it fails or is killed, tasks are done here.
+    another.  If it fails or is killed, tasks are done here.  Tasks and results go
+    through a pipe, so they should be small.
     """
     run = current_run()
     if not (run.beside and _can_be_copied()):
@@ -292,6 +293,8 @@ def companion(
     here, there = fork.Pipe()
     copy = fork.Process(target=_serve, args=(call, here, there), daemon=True)
     if not _begun(copy):
+        here.close()
+        there.close()
         yield None
         return
     there.close()  # else its end would not be seen here

@@ -292,6 +292,15 @@ def test_tasks_whose_results_nobody_needs_are_not_done_here(run):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="no copies of a process")
+def test_tasks_in_halves_need_not_be_sent_to_the_other_process():
+    locks = [threading.Lock(), threading.Lock()]  # they cannot be pickled
+    with running(Run(beside=True)):
+        here, there = in_halves(lambda lock: (os.getpid(), lock.locked()), locks)
+    assert here == (os.getpid(), False)
+    assert there[0] != os.getpid() and not there[1]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no copies of a process")
 def test_work_beside_needs_no_folder_for_its_result(monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", "/nowhere")
     with running(Run(beside=True)), beside(_whose, 3) as result:
