@@ -23,6 +23,7 @@ from consistent_id.recordings.signals.drive_torque import (
     PDGains,
     calibrated,
 )
+from consistent_id.recordings.signals.end_velocities import with_end_velocities
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import require_known
 
@@ -68,7 +69,8 @@ def motion_of_joints(
     """Return the motion of the robot's joints from that of a log's columns.
 
     Whole turns are undone first; then scale and offset change each column, and coupled
-    ones are taken apart.  Torques stay as they are.
+    ones are taken apart.  Torques stay as they are.  Velocities at the ends that nobody
+    measured are those of the positions, see `with_end_velocities`.
 
     Parameters
     ----------
@@ -97,7 +99,7 @@ def motion_of_joints(
         for name in moved.keys() & {"position", "position_command"}:
             moved[name] = moved[name] + added
         raw = replace(raw, **moved)
-    return uncoupled(raw, coupled or {})
+    return with_end_velocities(uncoupled(raw, coupled or {}))
 
 
 def _of_each(
