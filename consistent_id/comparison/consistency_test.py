@@ -34,6 +34,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import Executor, single_threaded
+from consistent_id._support.singular import lstsq, svd
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
 from consistent_id.constraints.cones.programmes import COARSE
@@ -242,7 +243,7 @@ def _with_near_active(best: BestFit) -> ConicSet:
     """
     scaled, u = best.scaled, best.solution.u
     domain = scaled.domain
-    _, s, Vt = np.linalg.svd(scaled.M, full_matrices=False)
+    _, s, Vt = svd(scaled.M, full_matrices=False)
     seen = s > DATA_RANK_TOLERANCE * s.max(initial=0.0)
     steps = Vt[seen].T / (s[seen] * scaled.size)
 
@@ -342,6 +343,6 @@ def _squared_distance(best: BestFit, z: Vector) -> float:
     scaled = best.scaled
     problem = LeastNorm(scaled.M, z, scaled.domain)
     u = solve_least_norm(problem, tolerance=COARSE, origin=best.solution.u).u
-    free = np.linalg.lstsq(scaled.M, z, rcond=None)[0]
+    free = lstsq(scaled.M, z)
     misfit, least = (float(np.sum((scaled.M @ v - z) ** 2)) for v in (u, free))
     return max(misfit - least, 0.0) * scaled.size**2

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from consistent_id._support.singular import lstsq
 from consistent_id.diagnosis.factor_findings import FARTHEST
 from consistent_id.diagnosis.factor_logs import (
     FactorLogs,
@@ -74,7 +75,7 @@ def _distance(as_is: FactorLogs) -> float:
         system = factor_system(as_is, factors, nominal=nominal, scatter=False)
         columns = np.vstack([system.whole[:, : len(factors)], pull])
         values = np.append(system.whole[:, -1], np.zeros(len(factors)))
-        sizes = np.linalg.lstsq(columns, values, rcond=None)[0]
+        sizes = lstsq(columns, values)
         costs.append(float(np.sum((columns @ sizes - values) ** 2)))
     linear = costs[0] - costs[1]
     first = [f for f in estimated(as_is, factors) if np.isfinite(f.error)]

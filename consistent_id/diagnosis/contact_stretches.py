@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, IntArray, Matrix, Vector
+from consistent_id._support.singular import svd
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog, fitted_log
@@ -72,7 +73,7 @@ class JointResidual:
     def without(self, samples: IntArray) -> "JointResidual":
         """Return the residual of a fit without samples, zero at these samples."""
         others = np.delete(np.arange(len(self.rest)), samples)
-        U, s, _ = np.linalg.svd(self.spanned[others], full_matrices=False)
+        U, s, _ = svd(self.spanned[others], full_matrices=False)
         U = U[:, s**2 > _RANK]
         spanned = np.zeros((len(self.rest), U.shape[1]))
         spanned[others] = U
@@ -157,7 +158,7 @@ def joint_residuals(as_is: FittedLog, rows: BoolArray) -> list[JointResidual]:
         columns = np.vstack([row[independent], more]).T[rows] * moves[:, None]
         norms = np.linalg.norm(columns, axis=0)
         unit = columns[:, norms > 0.0] / norms[norms > 0.0]
-        U, s, _ = np.linalg.svd(unit, full_matrices=False)
+        U, s, _ = svd(unit, full_matrices=False)
         spanned = U[:, s > _RANK * s.max(initial=0.0)]
         felt = tau[rows] * moves
         rest = felt - spanned @ (spanned.T @ felt)

@@ -11,6 +11,7 @@ from operator import add
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.singular import lstsq
 from consistent_id.diagnosis.channel_factors import joint_factor
 from consistent_id.diagnosis.factor_rows import (
     ALL_GAINS,
@@ -275,7 +276,7 @@ def _pulled(whole: Matrix, own: Matrix, count: int) -> Vector:
     """
     A = whole[:count, :count]
     sizes = column_sizes(A)
-    moved, *_ = np.linalg.lstsq(A / sizes, whole[:count, count:-1], rcond=RANK)
+    moved = lstsq(A / sizes, whole[:count, count:-1], RANK)
     return np.asarray(np.sum((own[:, :count] / sizes @ moved) ** 2, axis=0))
 
 

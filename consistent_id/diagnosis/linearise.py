@@ -20,6 +20,7 @@ from itertools import accumulate
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.singular import svd
 from consistent_id.diagnosis.sample_rows import SampleRows, of_own_row
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
@@ -74,7 +75,7 @@ class Jackknife:
         are the roots of ``(G - 1) / G sum_g (x_g - x)^2``.
         """
         A, z = self.whole[:, columns], self.whole[:, -1]
-        _, s, Vt = np.linalg.svd(A / column_sizes(A), full_matrices=False)
+        _, s, Vt = svd(A / column_sizes(A), full_matrices=False)
         kept = Vt[s > RANK * s.max(initial=0.0)]
         x = self.solution(columns)
         moves = [

@@ -18,6 +18,7 @@ from itertools import combinations
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
+from consistent_id._support.singular import lstsq, svd
 from consistent_id.diagnosis.channel_factors import (
     ChannelFactors,
     channel_factors,
@@ -67,7 +68,7 @@ class Residual:
     def amount(self, columns: Matrix) -> Vector:
         """Return the factors of further columns that explain most."""
         beside = columns - self.spanned @ (self.spanned.T @ columns)
-        return np.asarray(np.linalg.lstsq(beside, self.rest, rcond=1e-6)[0])
+        return lstsq(beside, self.rest, 1e-6)
 
     def share(self, columns: Matrix) -> float:
         """Return the share of the squared residual that further columns explain."""
@@ -82,7 +83,7 @@ def residuals(log: FittedLog) -> list[Residual]:
     found = []
     for row, tau in zip(rows.regressor(), rows.torque, strict=True):
         columns = row[list(log.factors.base.independent)].T
-        U, s, _ = np.linalg.svd(_unit(columns), full_matrices=False)
+        U, s, _ = svd(_unit(columns), full_matrices=False)
         spanned = U[:, s > _RANK * s.max(initial=0.0)]
         rest = tau - spanned @ (spanned.T @ tau)
         found.append(Residual(spanned, rest, max(float(np.linalg.norm(tau)), 1e-300)))

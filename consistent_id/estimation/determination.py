@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.singular import lstsq, svd
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.sets import Equalities, row_spaces
 from consistent_id.regression.base import BaseParameters, parameter_origins
@@ -88,9 +89,9 @@ class FreeParameters:
             return FreeParameters(np.zeros(width), np.eye(width))
         scale = np.linalg.norm(known.A_eq, axis=1, keepdims=True)
         A, b = known.A_eq / scale, known.b_eq / scale[:, 0]
-        _, s, Vt = np.linalg.svd(A)
+        _, s, Vt = svd(A)
         rank = int((s > _RANK * s[0]).sum())
-        return FreeParameters(np.linalg.lstsq(A, b, rcond=None)[0], Vt[rank:].T)
+        return FreeParameters(lstsq(A, b), Vt[rank:].T)
 
     def determined(self, regression: Regression) -> "FreeParameters":
         """Return the part of the free parameters that data determine."""
@@ -105,7 +106,7 @@ class FreeParameters:
         """
         scale = np.linalg.norm(A, axis=0)
         unit = np.where(scale > 0.0, scale, 1.0)
-        _, s, Vt = np.linalg.svd(A / unit, full_matrices=False)
+        _, s, Vt = svd(A / unit, full_matrices=False)
         kept = Vt[s > DATA_RANK_TOLERANCE * s[0]].T if len(s) else Vt.T
         return FreeParameters(self.start, self.directions @ (kept / unit[:, None]))
 

@@ -22,6 +22,7 @@ from consistent_id._support.arrays import (
     freeze_arrays,
 )
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.singular import svd
 from consistent_id._support.tables import Table, brief
 from consistent_id.constraints import Constraint
 from consistent_id.errors import ProblemError
@@ -251,7 +252,7 @@ class _CalibrationSearch:
         moved = values + change
         moved[scale] = values[scale] * np.exp(change[scale])
         moved[0] = max(moved[0], 0.0)
-        _, s, Vt = np.linalg.svd(seen)
+        _, s, Vt = svd(seen)
         hidden = Vt[np.append(s, np.zeros(n - len(s))) < _LITTLE]
         unknown = np.zeros((len(hidden), len(values)))
         unknown[:, wanted] = hidden

@@ -23,6 +23,7 @@ import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector, freeze_arrays
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.singular import svd
 from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError, SolverError
 from consistent_id.estimation.loaded_robot import (
@@ -368,7 +369,7 @@ def _start(rows: Currents, linear: Vector) -> Vector:
 def _identifiable(fit: GainFit) -> Matrix:
     """Return a basis of the directions of log gains that are identifiable."""
     sizes = column_sizes(fit.raw)
-    _, s, Vt = np.linalg.svd(fit.jacobian / sizes, full_matrices=False)
+    _, s, Vt = svd(fit.jacobian / sizes, full_matrices=False)
     null = (Vt[s <= _OPEN] / sizes).T
     Q, _ = np.linalg.qr(np.hstack([null, np.eye(len(sizes))]))
     return Q[:, null.shape[1] :]
@@ -377,7 +378,7 @@ def _identifiable(fit: GainFit) -> Matrix:
 def _solved(A: Matrix, b: Vector) -> tuple[Matrix, Vector]:
     """Return an orthonormal basis of unit columns, and the least-squares solution."""
     unit = column_sizes(A)
-    U, s, Vt = np.linalg.svd(A / unit, full_matrices=False)
+    U, s, Vt = svd(A / unit, full_matrices=False)
     kept = s > 1e-10 * s[0]
     Q = U[:, kept]
     return Q, (Vt[kept].T / s[kept]) @ (Q.T @ b) / unit

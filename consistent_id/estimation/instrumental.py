@@ -19,6 +19,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.singular import svd
 from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ProblemError, RecordingError
@@ -394,7 +395,7 @@ def endogeneity_test(
 
 def _left(A: Matrix, b: Vector) -> tuple[int, float]:
     """Return the rank of columns, and the squared residual of a vector."""
-    U, s, _ = np.linalg.svd(A / column_sizes(A), full_matrices=False)
+    U, s, _ = svd(A / column_sizes(A), full_matrices=False)
     rank = int((s > _RANK * s[0]).sum())
     rest = b - U[:, :rank] @ (U[:, :rank].T @ b)
     return rank, float(rest @ rest)

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.singular import lstsq
 from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
@@ -304,7 +305,7 @@ class Compromise:
         objective = (fit.excess(u) + weight * squared) / 2
         rest, _ = unexplained(problem, u, solution.multipliers)
         E = fit.domain.equalities.steps
-        steep = np.linalg.lstsq((rows.G @ E).T, E.T @ rest, rcond=0.0)[0]
+        steep = lstsq((rows.G @ E).T, E.T @ rest, 0.0)
         curvature = fit.M
         if np.linalg.norm(steep) <= weight / 2:
             curvature = np.vstack([fit.M, np.sqrt(weight / 2) * rows.G])

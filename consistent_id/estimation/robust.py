@@ -10,6 +10,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.given_values import require_type
+from consistent_id._support.singular import lstsq
 from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.base_least_squares import unconstrained_estimate
@@ -219,7 +220,7 @@ def _mixed(steps: Sequence[_ReweightingStep], metric: Matrix) -> Vector:
     step, if steps were linear; lengths are those of ``metric @ step``.
     """
     taken = np.array([step.end - step.start for step in steps]) @ metric.T
-    back = np.linalg.lstsq(np.diff(taken, axis=0).T, taken[-1], rcond=_ALIKE)[0]
+    back = lstsq(np.diff(taken, axis=0).T, taken[-1], _ALIKE)
     at_last = np.eye(len(steps))[-1]
     return np.asarray(at_last + np.append(back, 0.0) - np.append(0.0, back))
 

@@ -18,6 +18,7 @@ from consistent_id._support.arrays import (
     array_default,
     freeze_arrays,
 )
+from consistent_id._support.singular import lstsq
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression import torque_along
@@ -357,7 +358,7 @@ def slopes_on(model: TorqueModel, regression: Regression, bodies: Vector) -> Slo
         moving = norms > _ROUNDING * norms.max(initial=0.0)
         if moving.any():
             unit = drive[:, moving] / norms[moving]
-            both = both - unit @ np.linalg.lstsq(unit, both, rcond=None)[0]
+            both = both - unit @ lstsq(unit, both)
         expected, beyond = np.linalg.norm(both, axis=0)
         product = float(both[:, 0] @ both[:, 1])
         if expected <= _ROUNDING * np.linalg.norm(F):

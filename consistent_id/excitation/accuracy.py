@@ -16,6 +16,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector, checked
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.given_values import require_type
+from consistent_id._support.singular import svd
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.excitation.aims import Aim, places_of_interest
@@ -164,7 +165,7 @@ class PredictedAccuracy:
         """
         norms = np.linalg.norm(self.factor, axis=0)
         units = np.where(norms > 0.0, norms, 1.0)
-        _, _, Vt = np.linalg.svd(self.factor / units)
+        _, _, Vt = svd(self.factor / units)
         direction = Vt[-1] / abs(Vt[-1]).max()
         return linear_combination(
             np.where(abs(direction) > _PART, direction, 0.0), self.base.names, digits=2

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
+from consistent_id._support.singular import svd
 from consistent_id.errors import ProblemError
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.recordings.joint_paths import FourierTrajectory
@@ -275,7 +276,7 @@ def null_space(rows: Matrix) -> Matrix:
     orthonormalisation.
     """
     size = np.linalg.norm(rows, axis=1, keepdims=True)
-    _, s, Vt = np.linalg.svd(rows / np.where(size > 0.0, size, 1.0))
+    _, s, Vt = svd(rows / np.where(size > 0.0, size, 1.0))
     seen = Vt[: int((s > _RANK * s[0]).sum())]
     basis = np.zeros((rows.shape[1], 0))
     for column in (np.eye(len(basis)) - seen.T @ seen).T:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.singular import singular_values
 from consistent_id._support.tables import Table, some_of
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.playable import ValidationPath
@@ -437,9 +438,7 @@ def _stage(stage: Stage) -> dict[str, Any]:
         "value": stage.value,
         "search": stage.number + 1,
         "condition": _condition(stage.accuracy.condition),
-        "singular_values": np.linalg.svd(
-            stage.accuracy.factor, compute_uv=False
-        ).tolist(),
+        "singular_values": singular_values(stage.accuracy.factor).tolist(),
         "standard_errors": stage.accuracy.standard_errors().tolist(),
         "standard_errors_per_unit_noise": stage.accuracy.unit_noise,
         "margins": [_margin(m) for m in stage.proof.margins.margins],

@@ -18,6 +18,7 @@ from consistent_id._support.files import (
     write_atomically,
     write_json,
 )
+from consistent_id._support.singular import singular_values
 from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import PathForm, parameters_named
@@ -440,9 +441,9 @@ def _singular_values(
 ) -> None:
     axis = place.subplots()
     factor = design.unoptimised.factor
-    earlier = np.linalg.svd(factor, compute_uv=False) if before is None else before
+    earlier = singular_values(factor) if before is None else before
     number = np.arange(1, len(earlier) + 1)
-    after = np.linalg.svd(design.accuracy.factor, compute_uv=False)
+    after = singular_values(design.accuracy.factor)
     axis.semilogy(
         number, earlier / earlier[0], ".-", color=_BEFORE, label="random path"
     )

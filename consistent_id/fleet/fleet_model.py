@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
+from consistent_id._support.singular import lstsq, svd
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.errors import InfeasibleError, ProblemError
@@ -252,7 +253,7 @@ def span(A: Matrix) -> Matrix:
     """Return orthonormal columns that span those of a matrix, up to rounding."""
     norms = np.linalg.norm(A, axis=0)
     heard = norms > _SILENT * norms.max(initial=0.0)
-    U, s, _ = np.linalg.svd(A[:, heard] / norms[heard], full_matrices=False)
+    U, s, _ = svd(A[:, heard] / norms[heard], full_matrices=False)
     return U[:, s > DATA_RANK_TOLERANCE * s.max(initial=1e-300)]
 
 
@@ -293,7 +294,7 @@ def own_fit(rows: Matrix, shared: Vector, limits: OwnSet) -> OwnFit:
     for number in range(min(size, len(limits.b_in)) + 1):
         for bound in combinations(range(len(limits.b_in)), number):
             y0, Z = _held(limits, bound)
-            y = y0 + Z @ np.linalg.lstsq(A @ Z, t - A @ y0, rcond=_RANK)[0]
+            y = y0 + Z @ lstsq(A @ Z, t - A @ y0, _RANK)
             inside = limits.A_in @ y - limits.b_in <= _ROUNDING * (1.0 + abs(y).max())
             if inside.all() and _pushed(A.T @ (A @ y - t), limits, bound):
                 return OwnFit(y, bound)
@@ -320,7 +321,7 @@ def _held(limits: OwnSet, bound: tuple[int, ...]) -> tuple[Vector, Matrix]:
     """Return a point at the bounds, and the steps along them, as columns."""
     E = np.vstack([limits.A_eq, limits.A_in[list(bound)]])
     e = np.append(limits.b_eq, limits.b_in[list(bound)])
-    U, s, Vt = np.linalg.svd(E)
+    U, s, Vt = svd(E)
     rank = int((s > _RANK).sum())
     y0 = Vt[:rank].T @ ((U[:, :rank].T @ e) / s[:rank])
     return y0, Vt[rank:].T
@@ -331,7 +332,7 @@ def _pushed(gradient: Vector, limits: OwnSet, bound: tuple[int, ...]) -> bool:
     if not bound:
         return True
     E = np.vstack([limits.A_eq, limits.A_in[list(bound)]])
-    pulls = np.linalg.lstsq(E.T, -gradient, rcond=_RANK)[0][len(limits.b_eq) :]
+    pulls = lstsq(E.T, -gradient, _RANK)[len(limits.b_eq) :]
     return bool((pulls >= -_ROUNDING * (1.0 + abs(gradient).max())).all())
 
 

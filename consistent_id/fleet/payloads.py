@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id._support.singular import svd
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.sets import ConicSet
@@ -234,7 +235,7 @@ def load_fit(regression: Regression, place: PlacedBody, shared: Vector) -> LoadF
 
 def _free_steps(domain: ConicSet) -> Matrix:
     """Return an orthonormal basis of the steps that equalities allow."""
-    _, s, Vt = np.linalg.svd(domain.A_eq)
+    _, s, Vt = svd(domain.A_eq)
     return np.asarray(Vt[int((s > _LEAST).sum()) :].T)
 
 
@@ -352,7 +353,7 @@ def shared_errors(shared: Regression, bodies: Estimate, known: Matrix) -> Shared
     norms = np.linalg.norm(known, axis=1, keepdims=True)
     T = np.eye(known.shape[1])
     if norms.any():
-        _, s, Vt = np.linalg.svd(known / np.where(norms > 0.0, norms, 1.0))
+        _, s, Vt = svd(known / np.where(norms > 0.0, norms, 1.0))
         T = Vt[int((s > _OPEN).sum()) :].T
     rows = np.linalg.pinv(noise.steps) @ bodies.base.projection @ T
     found = solve_linear(rows, np.zeros(len(rows)))

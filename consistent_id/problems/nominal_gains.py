@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.singular import lstsq
 from consistent_id._support.tables import Table
 from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.recordings.recording import Recording
@@ -329,7 +330,7 @@ def _noise(columns: Matrix, current: Vector) -> float:
     """Return the residual's deviation, of as many samples as are independent."""
     scale = np.linalg.norm(columns, axis=0)
     columns = columns / np.where(scale > 0.0, scale, 1.0)
-    solution, *_ = np.linalg.lstsq(columns, current, rcond=1e-9)
+    solution = lstsq(columns, current, 1e-9)
     residual = current - columns @ solution
     length = float(correlation_lengths([residual[:, None]])[0])
     least = _EXACT * float(np.linalg.norm(current)) or 1.0
@@ -358,7 +359,7 @@ def _with_bodies(fits: list[_GainRows], nominal: Vector) -> tuple[Vector, Vector
         slopes = np.vstack(blocks)
         scale = np.linalg.norm(slopes, axis=0)
         scale[scale == 0.0] = 1.0
-        scaled, *_ = np.linalg.lstsq(slopes / scale, np.concatenate(left), rcond=1e-12)
+        scaled = lstsq(slopes / scale, np.concatenate(left), 1e-12)
         step = np.asarray(scaled) / scale
         most = _LARGEST * abs(inverse)
         change = np.clip(step[width:], -most, most)
@@ -391,7 +392,7 @@ def _start(fits: list[_GainRows], nominal: Vector) -> tuple[Vector, Vector]:
     whole = np.vstack(blocks)
     scale = np.linalg.norm(whole, axis=0)
     scale[scale == 0.0] = 1.0
-    found, *_ = np.linalg.lstsq(whole / scale, np.concatenate(right), rcond=1e-12)
+    found = lstsq(whole / scale, np.concatenate(right), 1e-12)
     gains = found[width:] / scale[width:]
     inverse = 1.0 / np.where(gains == 0.0, np.inf, gains)
     return found[:width] / scale[:width], inverse

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, chunks
+from consistent_id._support.singular import lstsq, svd
 from consistent_id._support.tables import brief
 from consistent_id.comparison.feasibility import BaseFeasibility, base_feasibility
 from consistent_id.constraints import (
@@ -174,8 +175,8 @@ class Parametrisation:
         `known` holds equalities, such as the datasheet's masses, met exactly; the
         combinations are met as nearly as their rounding allows.
         """
-        start = np.linalg.lstsq(known.A_eq, known.b_eq, rcond=None)[0]
-        _, s, Vt = np.linalg.svd(known.A_eq)
+        start = lstsq(known.A_eq, known.b_eq)
+        _, s, Vt = svd(known.A_eq)
         rank = int((s > 1e-12 * s.max(initial=0.0)).sum())
         free = Vt[rank:].T
         rest = np.linalg.lstsq(

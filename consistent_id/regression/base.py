@@ -13,6 +13,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.singular import singular_values, svd
 from consistent_id._support.tables import brief
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.regression.linear import (
@@ -275,7 +276,7 @@ def _part_in_row_space(A: Matrix) -> Vector:
     if not A.any():
         return np.zeros(A.shape[1])
     norms = np.linalg.norm(A, axis=1, keepdims=True)
-    _, s, Vt = np.linalg.svd(A / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
+    _, s, Vt = svd(A / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
     rows = Vt[s > STRUCTURAL_TOLERANCE * s[0]]
     return np.asarray(np.sum(rows**2, axis=0))
 
@@ -328,7 +329,7 @@ def condition_number(
     if unit_columns:
         norms = np.linalg.norm(matrix, axis=0)
         matrix = matrix / np.where(norms > 0.0, norms, 1.0)
-    singular = np.linalg.svd(matrix, compute_uv=False)
+    singular = singular_values(matrix)
     rounding = np.finfo(np.float64).eps * max(matrix.shape) * singular[0]
     deficient = len(singular) < matrix.shape[1] or singular[-1] <= rounding
     value = np.inf if deficient else singular[0] / singular[-1]

@@ -36,6 +36,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.singular import svd
 from consistent_id._support.tables import brief
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE, extended, triangle
 from consistent_id.regression.model_errors import (
@@ -394,7 +395,7 @@ def spectral_errors(parts: Sequence[Matrix], prior: Matrix | None = None) -> Vec
         R = extended(R, np.array(rows, order="F"))
     sizes = np.linalg.norm(R[:, :-1], axis=0)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
-    U, s, Vt = np.linalg.svd(R[:, :-1] / sizes, full_matrices=False)
+    U, s, Vt = svd(R[:, :-1] / sizes, full_matrices=False)
     kept = s > DATA_RANK_TOLERANCE * s.max(initial=0.0)
     steps = Vt[kept].T / s[kept] / sizes[:, None]
     x = steps @ (U[:, kept].T @ R[:, -1])

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
+from consistent_id._support.singular import lstsq, svd
 from consistent_id._support.tables import brief
 from consistent_id.errors import NotExcitedError
 
@@ -132,7 +133,7 @@ def solve_linear(
     silent = norms <= _SILENT * norms.max()
     unit = np.where(silent, 1.0, norms)
     scaled = np.where(silent, 0.0, A / unit)
-    U, s, Vt = np.linalg.svd(scaled, full_matrices=len(A) < A.shape[1])
+    U, s, Vt = svd(scaled, full_matrices=len(A) < A.shape[1])
     s = np.append(s, np.zeros(A.shape[1] - len(s)))
     rank = int((s > tolerance * s[0]).sum())
     steps, left = (Vt[:rank].T / s[:rank]) / unit[:, None], U[:, :rank]
@@ -167,7 +168,7 @@ def smallest_solution(A: Matrix, b: Array, tolerance: float | None = None) -> Ar
         Tolerance of rank, relative to the largest singular value; by default numpy's.
     """
     sizes = column_sizes(A)
-    y = np.linalg.lstsq(A / sizes, b, rcond=tolerance)[0]
+    y = lstsq(A / sizes, b, tolerance)
     return np.asarray((y.T / sizes).T)
 
 
@@ -188,7 +189,7 @@ def null_space(rows: Matrix, tolerance: float) -> Matrix:
     """Return an orthonormal basis of the null space of rows, made of unit size."""
     if not rows.any():
         return np.eye(rows.shape[1])
-    _, s, Vt = np.linalg.svd(rows / column_sizes(rows.T)[:, None])
+    _, s, Vt = svd(rows / column_sizes(rows.T)[:, None])
     return np.asarray(Vt[int((s > tolerance * s[0]).sum()) :].T)
 
 

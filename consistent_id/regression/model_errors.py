@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.singular import singular_values, svd
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.laws import (
     Coulomb,
@@ -109,7 +110,7 @@ def joint_fit(factors: Sequence[Matrix], counts: Sequence[int]) -> JointFit:
         # LAPACK's fast SVD may not converge where columns are zero: they are left out.
         kept = np.flatnonzero(norms > DATA_RANK_TOLERANCE * norms.max())
         R = triangle(np.asfortranarray(rows[:, [*kept, -1]]))
-        U, s, Vt = np.linalg.svd(R[:, :-1] / norms[kept], full_matrices=False)
+        U, s, Vt = svd(R[:, :-1] / norms[kept], full_matrices=False)
         rank = int((s > DATA_RANK_TOLERANCE * s.max(initial=1e-300)).sum())
         steps = np.zeros((width - 1, rank))
         steps[kept] = (Vt[:rank].T / s[:rank]) / norms[kept, None]
@@ -298,11 +299,11 @@ def lacking_ratio(fit: JointFit, rows: Matrix) -> float:
         )
     )
     # What the model's own columns leave of the terms, and of the torque.
-    U, s, Vt = np.linalg.svd(R[rank:-1, rank:-1])
+    U, s, Vt = svd(R[rank:-1, rank:-1])
     beyond = s > _BEYOND
     explained = (U.T @ R[rank:-1, -1])[: len(s)][beyond]
     W, k = float(explained @ explained), int(beyond.sum())
-    own = np.linalg.svd(R[:rank, :rank], compute_uv=False)
+    own = singular_values(R[:rank, :rank])
     by_noise_alone = chdtri(k, _BY_CHANCE) if k else np.inf
     if W <= by_noise_alone or own.min() <= DATA_RANK_TOLERANCE * own.max():
         return 1.0

@@ -12,6 +12,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.singular import singular_values, svd
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters, base_parameters, require_match
@@ -213,7 +214,7 @@ class ResidualNoise:
         The least eigenvalue of `inflation`: ``y^T inflation^-1 y <= 1`` for every ``y``
         with ``y^T y`` up to it.
         """
-        return float(np.linalg.svd(self.root, compute_uv=False)[-1]) ** 2
+        return float(singular_values(self.root)[-1]) ** 2
 
     def errors(self, y: Vector) -> float:
         """Return by how many standard errors ``y`` moves all parameters together."""
@@ -445,7 +446,7 @@ def _steps(A: Matrix, solution: LinearSolution) -> Matrix:
     if norms.min() > DATA_RANK_TOLERANCE * norms.max():
         return solution.steps
     unit = np.where(norms > DATA_RANK_TOLERANCE * norms.max(), norms, np.inf)
-    _, s, Vt = np.linalg.svd(A / unit, full_matrices=False)
+    _, s, Vt = svd(A / unit, full_matrices=False)
     rank = int((s > DATA_RANK_TOLERANCE * s[0]).sum())
     return np.asarray((Vt[:rank].T / s[:rank]) / unit[:, None])
 

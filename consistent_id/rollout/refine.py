@@ -19,6 +19,7 @@ import numpy as np
 from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.given_values import require_type, require_types
+from consistent_id._support.singular import svd
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.certificate import Certificate
@@ -382,6 +383,6 @@ def free_parameters(model: TorqueModel, constraints: Sequence[Constraint]) -> In
     if not len(known.A_eq):
         return np.arange(len(model.layout))
     A = known.A_eq / np.linalg.norm(known.A_eq, axis=1, keepdims=True)
-    _, s, Vt = np.linalg.svd(A)
+    _, s, Vt = svd(A)
     rank = int((s > 1e-12 * s[0]).sum())
     return np.flatnonzero(np.linalg.norm(Vt[rank:], axis=0) > 1e-9)

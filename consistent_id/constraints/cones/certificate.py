@@ -24,6 +24,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.singular import svd
 from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.least_norm import (
     TOLERANCES,
@@ -442,7 +443,7 @@ def _cost_of_rest(
     bound = _bound_by_qr(curvature, rest, to_centre, radius)
     if bound <= enough:
         return bound
-    _, s, Vt = np.linalg.svd(curvature)
+    _, s, Vt = svd(curvature)
     s = np.append(s, np.zeros(len(Vt) - len(s)))
     along, to_centre = Vt @ rest, Vt @ to_centre
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.singular import lstsq
 from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.programmes import (
     ConePoint,
@@ -180,7 +181,7 @@ def _contradiction(domain: ConicSet) -> tuple[Interior | None, float]:
     """
     if len(domain.b_eq) == 0:
         return None, 1.0
-    u = np.asarray(np.linalg.lstsq(domain.A_eq, domain.b_eq, rcond=None)[0])
+    u = lstsq(domain.A_eq, domain.b_eq)
     residual = domain.b_eq - domain.A_eq @ u
     missed = float(np.linalg.norm(residual))
     if missed <= _EQUAL * (1.0 + float(np.linalg.norm(domain.b_eq))):
@@ -229,8 +230,7 @@ def _bound(
     value += float(z @ (blocks.A @ u + blocks.b))
     slope = slope + blocks.A.T @ z
     if len(domain.b_eq):
-        solved = np.linalg.lstsq(domain.A_eq.T, slope, rcond=None)
-        taken = np.asarray(solved[0], dtype=np.float64)
+        taken = lstsq(domain.A_eq.T, slope)
         slope = slope - domain.A_eq.T @ taken
         value += float(taken @ (domain.b_eq - domain.A_eq @ u))
     reach = _reach_of(u)

@@ -17,6 +17,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.run import Terminated
+from consistent_id._support.singular import lstsq
 from consistent_id.constraints.cones.sets import (
     ConicSet,
     least_eigenvalues,
@@ -299,7 +300,7 @@ def lower_bound(
         rest = rest + block.A.T @ z
         value -= float(block.b @ z)
     for block in equal:  # free multipliers absorb as much as possible
-        z = np.asarray(np.linalg.lstsq(block.A.T, -rest, rcond=None)[0])
+        z = lstsq(block.A.T, -rest)
         rest = rest + block.A.T @ z
         value -= float(block.b @ z)
     ends = float(rest @ within.centre) - float(np.linalg.norm(rest)) * within.radius

@@ -17,6 +17,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, freeze_arrays
+from consistent_id._support.singular import svd
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 
@@ -292,7 +293,7 @@ def row_spaces(A: Matrix, tolerance: float = _NULL) -> Equalities:
         kept = np.flatnonzero(~fixed)
         inverse = np.divide(1.0, A.T, where=A.T != 0.0, out=np.zeros(A.T.shape))
         return Equalities(inverse, np.eye(A.shape[1])[:, kept], kept)
-    U, s, Vt = np.linalg.svd(A)
+    U, s, Vt = svd(A)
     rank = int((s > tolerance * s.max(initial=0.0)).sum())
     return Equalities((Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Matrix, Vector, freeze_arrays, frozen
+from consistent_id._support.singular import svd
 from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.joint_paths import FourierTrajectory
@@ -219,7 +220,7 @@ def _refuse_near_ones(recording: Recording, frequencies: Vector, R: Matrix) -> N
     The covariance of the coefficients is ``sigma^2 (R^T R)^-1``; with frequencies far
     apart its diagonal is ``2 sigma^2 / samples``.
     """
-    _, s, Vt = np.linalg.svd(R)
+    _, s, Vt = svd(R)
     s = np.maximum(s, s[0] * np.finfo(np.float64).eps)
     covariance = ((Vt.T / s) ** 2).sum(axis=1)
     noise = np.sqrt(covariance[1:].reshape(-1, 2).max(axis=1) * len(recording) / 2.0)
