@@ -48,6 +48,9 @@ class DelayedDrives:
         Of all commands; more than 0.
     further : tuple of str
         Those of `FURTHER` that the drives take; others are zero.
+    exceeded : tuple of str
+        Joints whose torque was larger than their limit in the robot's file, which
+        cannot be that of the drives then.  They have none but a stated one.
 
     Raises
     ------
@@ -59,6 +62,7 @@ class DelayedDrives:
     gains: PDGains
     delay: float
     further: tuple[str, ...] = ()
+    exceeded: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 < self.delay < np.inf:
@@ -134,10 +138,12 @@ def _note(drives: DelayedDrives, step: float) -> str:
     acts = max(drives.delay, step)
     short = ", which is one step" if drives.delay < acts else ""
     names = " and ".join(("position", *drives.further))
+    beyond = ", ".join(drives.exceeded)
+    without = f"; without the limits of {beyond}, which their torque exceeded"
     return (
         f"the file *{SUFFIX} beside it has the PD drives, for commands of {names}, "
         f"which act {1e3 * acts:.3g} ms late{short}, in steps of {1e3 * step:g} ms; "
-        "they are in place of the file's own actuators"
+        f"they are in place of the file's own actuators{without * bool(beyond)}"
     )
 
 
@@ -226,7 +232,7 @@ def _actuators(place: _ActuatedFile, lines: _DriveLines) -> list[Edit]:
         limit = float(drives.gains.torque_limit[k])
         if drives.further:  # their sum is limited, by the joint
             limit = np.inf
-        elif not np.isfinite(limit):
+        elif not np.isfinite(limit) and joint not in drives.exceeded:
             limit = place.limit(joint)
         own = [place.actuators[a] for a in place.of(joint)]
         name = own[0].name if own and own[0].name else joint
@@ -259,18 +265,24 @@ def _encoded(text: str) -> bytes:
 
 
 def _limits(place: _ActuatedFile, drives: DelayedDrives) -> list[Edit]:
-    """Return edits that limit the sum of a joint's actuators, where it has several."""
-    if not drives.further:
-        return []
+    """Return edits that limit the sum of a joint's actuators, where it has several.
+
+    Limits of joints that were exceeded are lifted.
+    """
     named = {e.name: e for e in place.document.root.below() if e.tag == "joint"}
     edits = list[Edit]()
     for joint, stated in zip(drives.joints, drives.gains.torque_limit, strict=True):
-        limit = float(stated) if np.isfinite(stated) else place.limit(joint)
-        if np.isfinite(limit) and joint in named:
-            values = {
-                "actuatorfrcrange": f"{number(-limit)} {number(limit)}",
-                "actuatorfrclimited": "true",
-            }
+        exceeded = joint in drives.exceeded
+        limit = float(stated)
+        if not np.isfinite(limit) and not exceeded:
+            limit = place.limit(joint)
+        values = dict[str, str]()
+        if drives.further and np.isfinite(limit):
+            values["actuatorfrcrange"] = f"{number(-limit)} {number(limit)}"
+            values["actuatorfrclimited"] = "true"
+        elif exceeded:
+            values["actuatorfrclimited"] = "false"
+        if values and joint in named:
             edits += place.document.set(named[joint], values)
     return edits
 

@@ -333,7 +333,10 @@ def to_mjcf(
         return made
     require_type(gains, PDGains, "gains")
     joints = estimate.model.robot.joint_names
-    drives = DelayedDrives(joints, gains.of(len(joints)), delay, commands)
+    fit = estimate.fit
+    beyond = () if fit is None else np.array(fit.joints)[fit.efforts > 1.0].tolist()
+    own = gains.of(len(joints))
+    drives = DelayedDrives(joints, own, delay, commands, exceeded=tuple(beyond))
     return _with_drives(made, drives, source)
 
 

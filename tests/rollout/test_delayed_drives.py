@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from estimates import estimate_of
 
 from consistent_id import DriveTerms, ModelError, Recording, TorqueModel, to_mjcf
 from consistent_id.cli import main
+from consistent_id.estimation.fit import _PER_JOINT, Fit
 from consistent_id.export.actuator_config import readme
 from consistent_id.export.export_formats import exported
 from consistent_id.robot import load_mjcf
@@ -213,6 +214,41 @@ def test_own_actuators_keep_names_limits_and_places(tmp_path):
     drives = written(estimate(file), file, tmp_path / "two.xml", gains=stated)
     model = mujoco.MjModel.from_xml_path(str(drives))
     assert model.actuator_forcerange[[0, 2]].tolist() == [[-12, 12], [-12, 12]]
+
+
+def exceeding(own, efforts):
+    """Return an estimate from data whose torque was that much over the limits."""
+    values = {one.name: np.nan for one in fields(Fit)}
+    values |= {name: np.full(2, np.nan) for name in _PER_JOINT}
+    fit = Fit(**{**values, "joints": JOINTS, "efforts": np.array(efforts)})
+    return replace(own, fit=fit)
+
+
+@pytest.mark.parametrize("further", [(), ("torque",)])
+def test_a_limit_that_the_torque_exceeded_is_no_drives_limit(tmp_path, further):
+    file = tmp_path / "leg.xml"
+    weak = LEG.replace('range="-3 3"', 'range="-3 3" actuatorfrcrange="-9 9"')
+    file.write_text(weak.format(more=ACTUATORS))
+    own = exceeding(estimate(file), [1.2, 0.9])
+    out, more = tmp_path / "out.xml", {"gains": GAINS, "delay": DELAY}
+    made = to_mjcf(
+        own, file, folder=tmp_path, commands=further, allow_refused=True, **more
+    )
+    assert any("without the limits of hip, which their" in note for note in made.notes)
+    made.save(out)
+    drives = mujoco.MjModel.from_xml_path(str(out.with_suffix(made.side.suffix)))
+    hip, knee = (drives.joint(joint).id for joint in JOINTS)
+    assert not drives.jnt_actfrclimited[hip] and drives.jnt_actfrclimited[knee]
+    limited = dict(
+        zip(("hip", "lid", "knee"), drives.actuator_forcelimited[:3], strict=True)
+    )
+    assert not limited["hip"] and limited["knee"] == (not further)
+    assert mujoco.MjModel.from_xml_path(str(out)).jnt_actfrclimited[[hip, knee]].all()
+    stated = PDGains(40.0, 2.0, 12.0)
+    drives = written(own, file, tmp_path / "two.xml", gains=stated, further=further)
+    model = mujoco.MjModel.from_xml_path(str(drives))
+    most = model.jnt_actfrcrange if further else model.actuator_forcerange
+    assert most[hip if further else 0].tolist() == [-12.0, 12.0]
 
 
 def test_of_several_commands_the_sum_is_limited(leg, tmp_path):
