@@ -20,6 +20,7 @@ from consistent_id.constraints import Constraint
 from consistent_id.diagnosis.another_robot import of_usual_size, other_robot
 from consistent_id.diagnosis.changes import change_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
+from consistent_id.diagnosis.clock_speeds import SEVERAL
 from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, corrections
 from consistent_id.diagnosis.coverage import saturation_findings
 from consistent_id.diagnosis.explain import (
@@ -37,7 +38,6 @@ from consistent_id.diagnosis.explain import (
 from consistent_id.diagnosis.factor_logs import FactorLogs
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding, Severity
 from consistent_id.diagnosis.free_clock import (
-    SEVERAL,
     SureClock,
     clock_instead,
     free_clock_findings,

@@ -2,16 +2,7 @@
 
 Gravity torque and inertial torque contain the same first moments.  So a clock at the
 wrong speed leaves a residual whatever the bodies are, and nominal bodies that are wrong
-cannot hide it.  With ``s_j(f)`` the residual of joint `j` in least squares of a log
-whose clock is corrected by ``f``, the concentrated likelihood of ``f`` is that of
-
-    minimise  2 n sum_j log s_j(f)
-
-over bodies, drives, and the noise of each joint.  ``n`` is the number of independent
-samples, by the longest correlation length of all joints: most of the residual is an
-error of the friction model, and a light joint that is all friction looks white.
-Drives have the velocities of the log as it is, or of the other clock, whichever leaves
-more: another clock alone would mend friction whose velocity scale is wrong.
+cannot hide it; see `ClockSpeeds`.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,16 +11,19 @@ from functools import cached_property
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id.diagnosis.clock_speeds import SEVERAL, ClockSpeeds
 from consistent_id.diagnosis.explain import FittedLog, fitted_log
-from consistent_id.diagnosis.factor_findings import FARTHEST, FoundFactor, harm
+from consistent_id.diagnosis.factor_findings import (
+    FARTHEST,
+    RUBBING,
+    FoundFactor,
+    harm,
+)
 from consistent_id.diagnosis.factor_logs import (
     HARM,
     FactorLogs,
     drives_share,
-    factors_of,
 )
-from consistent_id.diagnosis.factor_rows import EXACT, FactorRows, residual_of
 from consistent_id.diagnosis.findings import LogFinding, Severity
 from consistent_id.diagnosis.joint_shifts import (
     SHIFT_KINDS,
@@ -38,16 +32,12 @@ from consistent_id.diagnosis.joint_shifts import (
     together,
 )
 from consistent_id.errors import InfeasibleError, SolverError
-from consistent_id.regression.correlated_noise import correlation_lengths
 
 SURE = 5.0
 """Standard errors from which on the clock is named: the root of the likelihood ratio.
 
 Of the clean logs of six real arms, the largest is 2.2 (a Z1, nearly all friction).
 """
-
-SEVERAL = 2
-"""Least number of torques: bodies that one joint carries load another one."""
 
 _NEARLY = float(np.log(1.05))  # least logarithm of a speed that is compared with them
 _WIDEN = 1.5  # ratio of the steps of a search
@@ -62,63 +52,6 @@ _AT_HALF = 0.8
 _FREE = 1e3  # times the widths of nominal bodies: these are free
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Left:
-    """What least squares leaves of logs.
-
-    Parameters
-    ----------
-    sizes : ndarray, shape (joints,)
-        Logarithm of each joint's residual.
-    length : float
-        Longest correlation length, in samples.
-    """
-
-    sizes: Vector
-    length: float
-
-    @classmethod
-    def of(cls, rows: FactorRows) -> "_Left":
-        rest, size = residual_of(rows)
-        ends = np.cumsum([len(log) for log in rows.logs])[:-1]
-        lengths = correlation_lengths(np.split(rest.T, ends))
-        sigma = np.sqrt(np.mean(rest**2, axis=1))
-        logs = np.log(np.maximum(sigma, EXACT * size))
-        return cls(logs, float(lengths.max()))
-
-
-class _Speeds:
-    """The likelihood of clocks' speeds, by their logarithm; each is computed once."""
-
-    def __init__(self, as_is: FactorLogs) -> None:
-        self.factor = next(f for f in factors_of(as_is.model) if f.kind == "clock")
-        self._as_is, self._count = as_is, int(as_is.rows.torque.shape[1])
-        self._left = {0.0: _Left.of(as_is.rows)}
-
-    def lost(self, size: float) -> float:
-        """Return the sum over joints of logarithms of residuals, less that of zero."""
-        if size not in self._left:
-            moved = self._as_is.without(self.factor, size).rows
-            both = (_Left.of(moved), _Left.of(moved.with_drives_of(self._as_is.rows)))
-            self._left[size] = max(both, key=lambda one: float(one.sizes.sum()))
-        return float(np.sum(self._left[size].sizes - self._left[0.0].sizes))
-
-    def independent(self, size: float) -> float:
-        """Return the number of independent samples, with this speed and without."""
-        self.lost(size)
-        return self._count / max(self._left[k].length for k in (0.0, size))
-
-    def explained(self, size: float) -> float:
-        """Return twice the logarithm of the likelihood ratio."""
-        return -2.0 * self.independent(size) * self.lost(size)
-
-    def error(self, size: float, step: float) -> float:
-        """Return the standard error, from the bend of the likelihood."""
-        low, middle, high = (self.lost(size + k * step) for k in (-1.0, 0.0, 1.0))
-        bend = (low - 2.0 * middle + high) / step**2
-        return float((self.independent(size) * bend) ** -0.5) if bend > 0.0 else np.inf
-
-
 def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | None:
     """Estimate the speed of the clock with free bodies.
 
@@ -130,10 +63,11 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
     Returns
     -------
     FoundFactor or None
-        None if no speed that differs by the least size is likelier than none, or none
-        can be sure.  `explained` is twice the logarithm of the likelihood ratio.
+        None if no speed that differs by the least size is likelier than none, none can
+        be sure, or it may be friction.  `explained` is twice the logarithm of the
+        likelihood ratio.
     """
-    speeds = _Speeds(as_is)
+    speeds = ClockSpeeds(as_is)
     least = speeds.factor.least if least is None else least
     most = FARTHEST["clock"]
     low, size, high = _bracket(speeds.lost, least, most)
@@ -154,6 +88,9 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
     as_likely = speeds.explained(0.5 * size) > _AT_HALF * speeds.explained(size)
     if abs(size) < least or as_likely:
         return None
+    drives = drives_share(as_is)
+    if drives >= RUBBING and not speeds.all_show(size):
+        return None  # friction that the model lacks may show it
     error = speeds.error(size, 0.5 * least)
     free = replace(as_is, widths=_FREE * as_is.widths)
     return FoundFactor(
@@ -163,7 +100,7 @@ def free_clock(as_is: FactorLogs, least: float | None = None) -> FoundFactor | N
         error,
         speeds.explained(size),
         harm=harm(free, speeds.factor, size),
-        drives=drives_share(as_is),
+        drives=drives,
     )
 
 

@@ -7,6 +7,7 @@ import pytest
 from known_arm import arm, logged, pendulum
 from spoilt_arm import FAULTS, factor_logs, faulty
 
+from consistent_id.diagnosis.clock_speeds import ClockSpeeds, _Left
 from consistent_id.diagnosis.factor_findings import (
     FoundFactor,
     effects,
@@ -78,12 +79,12 @@ def test_a_factor_is_a_fault_if_it_is_sure_or_likely_and_harmful(
 @pytest.mark.parametrize(
     ("gain", "errors", "explained", "named"),
     [
-        (1.21, 5.1, 40.0, True),
-        (0.82, 5.1, 40.0, True),
-        (1.19, 9.0, 40.0, False),  # as small as errors of the model
-        (1.21, 4.9, 40.0, False),  # friction may look like it
-        (1.21, 5.1, 20.0, False),  # of 1000
-        (3.1, 9.0, 40.0, False),  # a unit, or a joint that bodies hardly move
+        (1.21, 5.1, 45.0, True),
+        (0.82, 5.1, 45.0, True),
+        (1.19, 9.0, 45.0, False),  # as small as errors of the model
+        (1.21, 4.9, 45.0, False),  # friction may look like it
+        (1.21, 5.1, 35.0, False),  # of 1000
+        (3.1, 9.0, 45.0, False),  # a unit, or a joint that bodies hardly move
     ],
 )
 def test_a_joint_s_gain_is_named_from_its_gates(gain, errors, explained, named):
@@ -98,6 +99,37 @@ def test_a_joint_s_gain_is_named_from_its_gates(gain, errors, explained, named):
         assert stated in said[0].statement
         assert said[0].size.startswith(f"{gain:.3g} +- ")
     assert not hidden_factors(arm(), [replace(found, doubt=1.0, size=0.01)])
+
+
+def test_a_clock_that_friction_may_show_is_not_named():
+    factor = next(f for f in factors_of(arm()) if f.kind == "clock")
+    size = 3.0 * factor.least
+    found = FoundFactor(factor, size, *[size / 6.0] * 2, 500.0, 1000.0, 0.3, 0.05, 0.8)
+    assert [f.kind for f in factor_findings(arm(), [found])] == ["clock"]
+    unsure = replace(found, shared=False)
+    assert factor_findings(arm(), [unsure]) == []
+    (doubt,) = hidden_factors(arm(), [unsure])
+    assert "a clock" in doubt.statement
+
+
+@pytest.mark.parametrize(
+    ("gains", "shown"),
+    [
+        ([0.03, 0.02, 0.03, 0.02, 0.01, 0.02], True),
+        ([0.06, 0.05, 0.0, -0.01, 0.0, 0.01], False),  # of two joints
+        ([0.5, 0.1, 0.0, -0.01, 0.0, 0.01], True),  # but much
+        ([-0.03, -0.02, -0.03, -0.02, -0.01, -0.02], False),
+        ([0.02, 0.001], False),
+        ([0.1, 0.07], True),
+        ([0.1], True),
+        ([0.01], False),
+    ],
+)
+def test_a_clock_is_shown_by_all_joints_or_explains_much(gains, shown):
+    speeds = object.__new__(ClockSpeeds)
+    of_size = -np.array(gains)
+    speeds._left = {0.0: _Left(0.0 * of_size, 1.0), 0.3: _Left(of_size, 1.0)}
+    assert speeds.all_show(0.3) is shown
 
 
 @pytest.mark.parametrize(
@@ -137,8 +169,8 @@ def test_gains_of_joints_that_explain_and_change_little_are_left_out():
     for size, explained, kept in (
         (0.11 / unit, 0.0, True),  # 11 % of the torque
         (-0.11 / unit, 0.0, True),
-        (0.09 / unit, 29.0, False),
-        (0.09 / unit, 31.0, True),  # of 1000
+        (0.09 / unit, 39.0, False),
+        (0.09 / unit, 41.0, True),  # of 1000
     ):
         gain = FoundFactor(second, size, 0.01, 0.01, explained)
         left = worth_a_look(as_is, [gain, clock], 1000.0)
