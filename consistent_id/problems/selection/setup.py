@@ -79,13 +79,14 @@ def beginning(
     Raises
     ------
     RecordingError
-        If there is too little motion.
+        If there is too little motion, or a joint has no torque.
     """
     setting = _setting(problem, raws, band)
     cutoff = _cutoff(problem, fixed, band)
     evaluator = Evaluator(setting)
     samples = evaluator.samples(cutoff)
     _require_rows(samples, setting)
+    _require_torque(samples, setting)
     speeds = _top_speeds(samples, setting.bodies)
     scales = velocity_scales(speeds)
     width = min(scales, key=lambda s: abs(np.log(s / (_WIDTH * np.median(speeds)))))
@@ -189,6 +190,14 @@ def _require_rows(samples: Samples, setting: Setting) -> None:
             f"{rows} rows of training data are left for choosing a model, expected "
             f"{needed} or more; record for longer"
         )
+
+
+def _require_torque(samples: Samples, setting: Setting) -> None:
+    joints = setting.bodies.torque_joints
+    dead = ~samples.torque.any(axis=0)
+    if dead.any():
+        names = ", ".join(n for n, none in zip(joints, dead, strict=True) if none)
+        raise RecordingError(f"the torque of {names} is zero in all training data")
 
 
 def _top_speeds(samples: Samples, bodies: TorqueModel) -> Vector:

@@ -179,6 +179,17 @@ def test_the_text_holds_exactly_what_was_chosen_and_says_why(tmp_path):
 
 
 @pytest.mark.slow
+def test_without_torque_no_model_is_chosen(tmp_path):
+    urdf, log = written(tmp_path)
+    table = np.genfromtxt(log, delimiter=",", names=True)
+    table["tau_elbow"] = 0.0
+    columns = {name: table[name] for name in table.dtype.names}
+    draft = draft_problem(urdf, columns)
+    assert draft.selection is None
+    assert any("torque of elbow is zero in all training" in n for n in draft.notes)
+
+
+@pytest.mark.slow
 def test_an_interrupted_search_says_so_and_keeps_the_best_so_far(tmp_path, monkeypatch):
     urdf, log = written(tmp_path, rotor_inertia=True, spring=True)
     problem = draft_problem(urdf, log, select=False).problem()
