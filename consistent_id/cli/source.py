@@ -257,6 +257,10 @@ def studied(
     found = stored(options, folder)
     if found is not None:
         return found
+    if options.log and folder is not None and not getattr(options, "dry_run", False):
+        from consistent_id.report.results_writing import require_place
+
+        require_place(folder)  # before a model is chosen, which gives the name
     source = opened(options)
     if before is not None:
         before(source.problem.name)

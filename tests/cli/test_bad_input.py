@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from logged import write_arm
 
 from consistent_id import (
     DHRow,
@@ -16,6 +17,7 @@ from consistent_id import (
     signals,
 )
 from consistent_id._support.files import write_atomically
+from consistent_id.cli import main
 from consistent_id.errors import (
     ConsistentIdError,
     InfeasibleError,
@@ -23,6 +25,7 @@ from consistent_id.errors import (
     ProblemError,
     RecordingError,
 )
+from consistent_id.problems import drafting
 from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import condition_number
@@ -215,6 +218,16 @@ def test_a_place_that_cannot_be_written_to_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ProblemError, match="cannot be written"):
         write_atomically(tmp_path / "file" / "x.json", "{}")
+
+
+@pytest.mark.slow
+def test_results_that_cannot_be_written_are_refused_before_a_model_is_chosen(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(drafting, "drafted", None)
+    files = map(str, write_arm(tmp_path))
+    assert main(["identify", *files, "--output", str(tmp_path / "arm.urdf" / "x")]) == 2
+    assert "cannot be written" in capsys.readouterr().err
 
 
 def test_what_stood_in_a_file_stays_when_writing_fails(tmp_path, monkeypatch):
