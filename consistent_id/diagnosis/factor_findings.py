@@ -65,9 +65,6 @@ class FoundFactor:
         joints; and the same for a factor as large as its cautious error.
     drives : float
         Torque of the drives over that of all joints.
-    shared : bool
-        False for a clock that friction may show: drives take most of the torque, and
-        not all joints show it.
     """
 
     factor: Factor
@@ -79,7 +76,6 @@ class FoundFactor:
     harm: float = 0.0
     doubt: float = 0.0
     drives: float = 1.0
-    shared: bool = True
 
     @property
     def ratio(self) -> float:
@@ -309,7 +305,6 @@ def _shown(found: FoundFactor) -> bool:
         abs(found.size) <= FARTHEST[found.factor.kind]
         and found.ratio >= gate_of(found.factor)
         and abs(found.size) >= found.factor.least
-        and found.shared
         and much
     )
 

@@ -33,11 +33,9 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import in_halves
-from consistent_id.diagnosis.clock_speeds import ClockSpeeds
 from consistent_id.diagnosis.factor_findings import (
     FARTHEST,
     LIKELY,
-    RUBBING,
     FoundFactor,
     doubted,
     effects,
@@ -133,11 +131,9 @@ def _weighed(as_is: FactorLogs, found: Sequence[FoundFactor]) -> list[FoundFacto
         doubt = harm(as_is, factor, error) if factor.kind == "clock" else unit * error
         likely = one.ratio >= gate_of(factor) and abs(one.size) >= factor.least
         harms = harm(as_is, factor, one.size) if likely else unit * abs(one.size)
-        shared = True
-        if factor.kind == "clock" and likely and drives >= RUBBING:
-            shared = ClockSpeeds(as_is).all_show(one.size)
-        known = replace(one, harm=float(harms), doubt=float(doubt))
-        weighed.append(replace(known, drives=drives, shared=shared))
+        weighed.append(
+            replace(one, harm=float(harms), doubt=float(doubt), drives=drives)
+        )
     return weighed
 
 

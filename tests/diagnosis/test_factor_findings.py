@@ -101,17 +101,6 @@ def test_a_joint_s_gain_is_named_from_its_gates(gain, errors, explained, named):
     assert not hidden_factors(arm(), [replace(found, doubt=1.0, size=0.01)])
 
 
-def test_a_clock_that_friction_may_show_is_not_named():
-    factor = next(f for f in factors_of(arm()) if f.kind == "clock")
-    size = 3.0 * factor.least
-    found = FoundFactor(factor, size, *[size / 6.0] * 2, 500.0, 1000.0, 0.3, 0.05, 0.8)
-    assert [f.kind for f in factor_findings(arm(), [found])] == ["clock"]
-    unsure = replace(found, shared=False)
-    assert factor_findings(arm(), [unsure]) == []
-    (doubt,) = hidden_factors(arm(), [unsure])
-    assert "a clock" in doubt.statement
-
-
 @pytest.mark.parametrize(
     ("gains", "shown"),
     [

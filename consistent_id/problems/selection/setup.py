@@ -194,9 +194,9 @@ def _require_rows(samples: Samples, setting: Setting) -> None:
 
 def _require_torque(samples: Samples, setting: Setting) -> None:
     joints = setting.bodies.torque_joints
-    dead = ~samples.torque.any(axis=0)
-    if dead.any():
-        names = ", ".join(n for n, none in zip(joints, dead, strict=True) if none)
+    dead = np.flatnonzero(~samples.torque.any(axis=0))
+    if len(dead):
+        names = ", ".join(joints[j] for j in dead)
         raise RecordingError(f"the torque of {names} is zero in all training data")
 
 
