@@ -1,26 +1,21 @@
 """Evaluation of choices: each set of rows is prepared once, each choice fitted once.
 
-Before that, moves are ranked cheaply, see `screening`. The constrained fit then
-decides. Another process may do half of both meanwhile.
+Before that, moves are ranked cheaply. With fixed bodies, the drive terms of each joint
+are the solution of a small non-negative least-squares problem, whose error ranks the
+moves. The constrained fit then decides.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.executors import (
-    FEW_SAMPLES,
-    Executor,
-    companion,
-    single_threaded,
-)
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
+from consistent_id._support.executors import Executor, single_threaded
 from consistent_id.errors import ConsistentIdError
 from consistent_id.problems.file import (
     PreparationTable,
@@ -32,11 +27,13 @@ from consistent_id.problems.selection.choice import (
 )
 from consistent_id.problems.selection.fits import (
     RATES,
+    UNSEEN,
     CandidateModel,
     Factors,
     FoldFits,
     HeldOut,
     JointColumns,
+    JointFactors,
     candidate_columns,
     candidate_of,
     columns_of,
@@ -51,7 +48,6 @@ from consistent_id.problems.selection.samples import (
     folds,
     samples_of,
 )
-from consistent_id.problems.selection.screening import screened
 from consistent_id.problems.selection.superset import Superset, superset
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import smallest_solution
@@ -118,23 +114,6 @@ class Evaluated:
         return float(np.sqrt(self.errors.total))
 
 
-class _Task(NamedTuple):
-    """Choices to screen with the bodies of some fits, or to fit where these are None.
-
-    Parameters
-    ----------
-    choices : sequence of Choice
-    bodies : ndarray, shape (folds, parameters), or None
-    """
-
-    choices: Sequence[Choice]
-    bodies: Matrix | None
-
-
-# For each choice its squared errors and, where it was fitted, its parameters.
-_Answer = list[tuple[Matrix, ...] | None]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluator:
     """Fits choices, and remembers rows and fits.
@@ -142,12 +121,9 @@ class Evaluator:
     Parameters
     ----------
     setting : Setting
-    beside : callable, optional
-        Hands choices to another process, see `in_two_processes`.
     """
 
     setting: Setting
-    beside: Callable[[_Task], Callable[[], _Answer]] | None = None
     _samples: dict[float | None, Samples] = field(default_factory=dict)
     _masks: dict[tuple[float | None, float], Samples] = field(default_factory=dict)
     _factors: dict[tuple[object, ...], Factors] = field(default_factory=dict)
@@ -167,24 +143,14 @@ class Evaluator:
         """Return an evaluator of the same rows with other scales of errors."""
         setting = replace(self.setting, sigma=sigma, size=size)
         rows = self._samples, self._masks, self._factors, self._supersets
-        return Evaluator(setting, None, *rows, self._columns, self._candidates)
+        return Evaluator(setting, *rows, self._columns, self._candidates)
 
     def with_friction(
         self, loaded: tuple[str, ...], sloped: tuple[str, ...]
     ) -> "Evaluator":
         """Return an evaluator of the same rows with other load or position laws."""
         setting = replace(self.setting, loaded=loaded, sloped=sloped)
-        return Evaluator(setting, None, self._samples, self._masks)
-
-    @contextmanager
-    def in_two_processes(self) -> Iterator["Evaluator"]:
-        """Yield an evaluator that lets a copy of this process do half, if it can."""
-        samples = sum(len(log.raw) for log in self.setting.logs)
-        if samples > FEW_SAMPLES:
-            yield self
-            return
-        with companion(self._answer) as handed:
-            yield replace(self, beside=handed)
+        return Evaluator(setting, self._samples, self._masks)
 
     def expected(self, evaluated: Evaluated) -> float:
         """Return the torque error on left-out blocks over the torque, all joints."""
@@ -221,30 +187,16 @@ class Evaluator:
         return self._evaluated[choice]
 
     def evaluate_ahead(self, choices: Sequence[Choice]) -> None:
-        """Fit choices in parallel if the run has cores for it, and keep the results."""
-        new = [choice for choice in choices if choice not in self._evaluated]
+        """Fit choices in parallel if the run has an executor, and keep the results."""
         executor = Executor.chosen(None)
-        if executor is not None:
-            self._evaluate_by(executor, new)
-        elif self.beside is not None and len(new) > 1:
-            middle = (len(new) + 1) // 2
-            theirs = self.beside(_Task(new[middle:], None))
-            for choice in new[:middle]:
-                with suppress(ConsistentIdError):  # `evaluated` raises it again
-                    self.evaluated(choice)
-            for choice, found in zip(new[middle:], theirs(), strict=True):
-                if found is not None:
-                    squares, x = found
-                    fits = FoldFits(self.candidate(choice), x)
-                    own = Evaluated(choice, fits, HeldOut(squares))
-                    self._evaluated[choice] = own
-
-    def _evaluate_by(self, executor: Executor, choices: Sequence[Choice]) -> None:
-        """Fit choices where an executor does its work, and keep the results."""
+        if executor is None:
+            return
         s, tasks = self.setting, list[tuple[Choice, CandidateModel, Factors]]()
         for choice in choices:
             with suppress(ConsistentIdError):  # `evaluated` raises it again
-                tasks.append((choice, self.candidate(choice), self.factors(choice)))
+                if choice not in self._evaluated:
+                    task = choice, self.candidate(choice), self.factors(choice)
+                    tasks.append(task)
         fits = partial(_fitted_or_not, s.sigma, s.size)
         found = executor.map(fits, [task[1:] for task in tasks])
         for (choice, candidate, factors), x in zip(tasks, found, strict=True):
@@ -255,43 +207,9 @@ class Evaluator:
 
     def screened(self, choice: Choice, current: Evaluated) -> HeldOut:
         """Return a choice's errors with the bodies of another choice fixed."""
-        return self._screened(choice, current.fits.parameters)
-
-    def _screened(self, choice: Choice, bodies: Matrix) -> HeldOut:
         factors = self.factors(choice)
-        return screened(self.candidate(choice), factors, bodies, self.setting.sigma)
-
-    def screened_all(
-        self, choices: Sequence[Choice], current: Evaluated
-    ) -> list[HeldOut | None]:
-        """Return what `screened` does; None for a choice of which there is no model."""
-        return _held_out_of(self._answer(_Task(choices, current.fits.parameters)))
-
-    def screened_beside(
-        self, choices: Sequence[Choice], current: Evaluated
-    ) -> Callable[[], list[HeldOut | None]]:
-        """Return how to get what `screened_all` does from the other process.
-
-        Without one, it is computed when it is needed.
-        """
-        if self.beside is None or not choices:
-            return partial(self.screened_all, choices, current)
-        theirs = self.beside(_Task(choices, current.fits.parameters))
-        return lambda: _held_out_of(theirs())
-
-    def _answer(self, task: _Task) -> _Answer:
-        """Screen or fit choices; None for one of which there is no model, or no fit."""
-        answer: _Answer = []
-        for choice in task.choices:
-            found: tuple[Matrix, ...] | None = None
-            with suppress(ConsistentIdError):
-                if task.bodies is not None:
-                    found = (self._screened(choice, task.bodies).squares,)
-                else:
-                    own = self.evaluated(choice)
-                    found = own.errors.squares, own.fits.parameters
-            answer.append(found)
-        return answer
+        candidate = self.candidate(choice)
+        return screened(candidate, factors, current.fits, self.setting.sigma)
 
     def seen_on(self, current: Evaluated, choice: Choice) -> HeldOut:
         """Return the errors of a choice on the rows that another one keeps."""
@@ -366,10 +284,6 @@ class Evaluator:
         return self._supersets[scale]
 
 
-def _held_out_of(answer: _Answer) -> list[HeldOut | None]:
-    return [None if found is None else HeldOut(found[0]) for found in answer]
-
-
 @single_threaded
 def _fitted_or_not(
     sigma: Vector, size: float, task: tuple[CandidateModel, Factors]
@@ -379,6 +293,100 @@ def _fitted_or_not(
         return fitted(*task, sigma, size).parameters
     except ConsistentIdError:
         return None
+
+
+def screened(
+    candidate: CandidateModel, factors: Factors, current: FoldFits, sigma: Vector
+) -> HeldOut:
+    """Return errors of a candidate with the bodies of other fits.
+
+    Parameters
+    ----------
+    factors : Factors
+        Factors of the candidate's rows.
+    current : FoldFits
+        Fits whose bodies are used, fold by fold.
+    sigma : ndarray, shape (torque joints,), [N m or N]
+    """
+    size = candidate.model.layout.inertial_size
+    x = np.zeros((len(current.parameters), len(candidate.model.layout)))
+    x[:, :size] = current.parameters[:, :size]
+    for group in _groups(candidate, factors):
+        joints = [factors.joints[j] for j in group]
+        places = set().union(*(joint.places for joint in joints))
+        keys = [i for i, key in enumerate(candidate.keys) if key in places]
+        A, b = _left(candidate, joints, sigma[group], current.parameters, keys)
+        x[:, [size + i for i in keys]] = _drive(A, b, candidate.nonnegative[keys])
+    return held_out(FoldFits(candidate, x), factors, sigma)
+
+
+def _groups(candidate: CandidateModel, factors: Factors) -> list[list[int]]:
+    """Return the joints that share drive terms, by their places."""
+    groups: list[list[int]] = []
+    for j, joint in enumerate(factors.joints):
+        own = {key for key in candidate.keys if key in joint.places}
+        shared = [
+            group
+            for group in groups
+            if any(own & factors.joints[i].places.keys() for i in group)
+        ]
+        merged = sorted({j, *(i for group in shared for i in group)})
+        groups = [*(g for g in groups if g not in shared), merged]
+    return groups
+
+
+def _left(
+    candidate: CandidateModel,
+    joints: Sequence[JointFactors],
+    sigma: Vector,
+    bodies: Matrix,
+    keys: Sequence[int],
+) -> tuple[Array, Matrix]:
+    """Return drive columns, and the torque less that of the bodies, for each fold."""
+    size = candidate.model.layout.inertial_size
+    columns, rest = [], []
+    for joint, s in zip(joints, sigma, strict=True):
+        R, kept = joint.training, len(joint.expand)
+        places = [joint.places.get(candidate.keys[i], -1) for i in keys]
+        A = R[:, :, places] * np.where(np.array(places) < 0, 0.0, 1.0 / s)
+        own = bodies[:, :size] @ joint.expand.T
+        left = R[:, :, -1] - (R[:, :, :kept] @ own[:, :, None])[:, :, 0]
+        columns.append(A)
+        rest.append(left / s)
+    return np.concatenate(columns, axis=1), np.concatenate(rest, axis=1)
+
+
+def _drive(A: Array, b: Matrix, nonnegative: BoolArray) -> Matrix:
+    """Return least-squares solutions whose marked entries are zero or more.
+
+    Parameters
+    ----------
+    A : ndarray, shape (folds, rows, columns)
+    b : ndarray, shape (folds, rows)
+    nonnegative : ndarray of bool, shape (columns,)
+    """
+    n = A.shape[2]
+    norms = np.linalg.norm(A, axis=1)
+    seen = norms > UNSEEN * np.linalg.norm(b, axis=1)[:, None]
+    A, unit = A * seen[:, None], np.where(seen, norms, 1.0)
+    both = np.concatenate([A / unit[:, None], b[:, :, None]], axis=2)
+    R = np.asarray(np.linalg.qr(both, mode="r"))
+    y = np.zeros((len(A), n))
+    sizes = abs(np.diagonal(R[:, :n, :n], axis1=1, axis2=2))
+    fine = sizes.min(axis=1, initial=1.0) > _RANK
+    y[fine] = np.linalg.solve(R[fine, :n, :n], R[fine, :n, n:])[:, :, 0]
+    wrong = np.flatnonzero(~fine | (y[:, nonnegative] < 0.0).any(axis=1))
+    if not len(wrong):
+        return y / unit
+    from scipy.optimize import nnls  # its import takes longer than all else here
+
+    free = np.flatnonzero(~nonnegative)
+    for fold in wrong:
+        columns = R[fold, :n, :n]
+        z, _ = nnls(np.column_stack([columns, -columns[:, free]]), R[fold, :n, n])
+        y[fold] = z[:n]
+        y[fold, free] -= z[n:]
+    return y / unit
 
 
 def torque_delay(

@@ -8,25 +8,32 @@ from consistent_id.errors import ConsistentIdError
 from consistent_id.problems.selection.choice import (
     REMOVABLE,
     ModelMove,
+    coupling_moves,
+    cutoff_moves,
+    delay_moves,
     has_term,
     mass_move,
     removals,
+    row_moves,
+    scale_moves,
     size_of,
+    stribeck_moves,
+    stribeck_passed,
+    term_moves,
+    velocity_scale,
+    with_drive,
     without,
 )
 from consistent_id.problems.selection.evaluation import (
     Evaluated,
     Evaluator,
+    fitting_delay,
 )
-from consistent_id.problems.selection.fits import Gain, gain, joint_gains
-from consistent_id.problems.selection.proposals import (
-    LEAST_WON,
-    SURE,
-    Proposal,
-    Scope,
-    believable,
-    proposals,
-)
+from consistent_id.problems.selection.fits import Gain, HeldOut, gain, joint_gains
+from consistent_id.problems.selection.superset import couplings_between
+
+LEAST_HELP = 0.025
+"""Least relative decrease of a joint's own squared error by a term that helps it."""
 
 LEAST_GAIN = 0.025
 """Least relative decrease of the squared error by a move."""
@@ -49,6 +56,9 @@ LEAST_DELAY_GAIN = 0.05
 """Minimum gain of a delay of the torque, which must exceed `SURE` standard errors as
 well.  A delay is a claim about the log, and in slow motion it looks like friction.
 """
+
+LEAST_WON = 0.6
+"""Least share of the blocks on which a move lowers the error."""
 
 LEAST_WON_BY_VALUES = 0.5
 """Minimum gain of another value of an existing setting, such as a cut-off.  It is
@@ -79,9 +89,48 @@ _REPLACED = 0.5  # of its gain that a rival keeps beside the move, if not equiva
 _ROUNDS = 20
 _PRUNINGS = 3  # rounds of taking terms out, joint by joint, and of searching on
 
+SURE = 2.0
+"""Standard errors by which a term must help a joint, if its gain is small."""
+
+PLAIN = 0.25
+"""Gain in a joint's own squared error from which a term is kept for the joint, even if
+the gain is uneven over the blocks.
+"""
+
 _Tried = tuple[ModelMove, Gain, Evaluated]
 
 _VALUES = ("velocity_scale", "stribeck_value", "motion_cutoff", "delay")
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """The scope of a search: kinds of moves, and the values to try.
+
+    Parameters
+    ----------
+    fixed : frozenset of str
+        Kinds that must not change, such as ``"masses"``.
+    scales : tuple of float
+        Widths of friction's change of sign.
+    cutoffs : tuple of float, [Hz]
+        Cut-offs of the motion, ascending.
+    everywhere : bool
+        Whether a drive term is also tried for all joints without it, and not only for
+        joints that it helps.
+    """
+
+    fixed: frozenset[str]
+    scales: tuple[float, ...]
+    cutoffs: tuple[float, ...]
+    everywhere: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A move, and the gain that screening predicts; None if it cannot predict one."""
+
+    move: ModelMove
+    hoped: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +194,7 @@ _Search = Generator[State, None, State]
 def _forward(evaluator: Evaluator, state: State, scope: Scope) -> _Search:
     """Yield states; each makes the move with the largest gain on the one before."""
     for _ in range(_ROUNDS):
-        offered = proposals(evaluator, state.current, scope)
+        offered = list(proposals(evaluator, state.current, scope))
         steps = _with_stand_ins(evaluator, state.steps, offered)
         state = replace(state, steps=steps)
         found = _best_move(evaluator, state.current, offered)
@@ -272,6 +321,16 @@ def _pruned(evaluator: Evaluator, state: State) -> _Search:
     return state
 
 
+def believable(brought: Gain) -> bool:
+    """Return whether a term helps a joint, from its own errors on blocks left out.
+
+    The gain must be `LEAST_HELP` of the joint's squared error, on most blocks, and
+    `SURE` standard errors or `PLAIN`.
+    """
+    sure = brought.share >= min(SURE * brought.error, PLAIN)
+    return sure and brought.share >= LEAST_HELP and brought.won >= LEAST_WON
+
+
 def without_needless_terms(
     evaluator: Evaluator, start: Evaluated, state: State, scope: Scope
 ) -> _Search:
@@ -344,3 +403,89 @@ def _needless(
     base = evaluator.screened(choice, current)
     gains = joint_gains(evaluator.screened(fewer, current), base)
     return tuple(j for row, j in able if not believable(gains[row]))
+
+
+def proposals(
+    evaluator: Evaluator, current: Evaluated, scope: Scope
+) -> Iterator[Proposal]:
+    """Yield moves with the gain that screening predicts."""
+    choice = current.choice
+    baseline = evaluator.screened(choice, current)
+    yield from _of_terms(evaluator, current, baseline, scope)
+    if "masses" not in scope.fixed:
+        if choice.masses != "free":
+            yield Proposal(mass_move(choice, "free"), None)
+    if "least_speed" not in scope.fixed:
+        speed = evaluator.samples(choice.motion_cutoff).speed
+        for move in row_moves(choice, speed):
+            before = evaluator.seen_on(current, move.after)
+            after = evaluator.screened(move.after, current)
+            yield Proposal(move, gain(before, after).share)
+    for move in _other_moves(evaluator, current, scope):
+        try:
+            after = evaluator.screened(move.after, current)
+        except ConsistentIdError:
+            continue
+        yield Proposal(move, gain(baseline, after).share)
+
+
+def _other_moves(
+    evaluator: Evaluator, current: Evaluated, scope: Scope
+) -> Iterator[ModelMove]:
+    """Yield the moves other than drive terms, masses and rows."""
+    choice, setting = current.choice, evaluator.setting
+    shapes = list[ModelMove]()
+    if "velocity_scale" not in scope.fixed:
+        shapes += scale_moves(choice, scope.scales)
+    if "stribeck_velocity" not in scope.fixed:
+        shapes += stribeck_moves(choice)
+    speeds = evaluator.samples(choice.motion_cutoff).top_speeds
+    yield from (move for move in shapes if stribeck_passed(move, speeds))
+    if "coupling" not in scope.fixed:
+        names = setting.bodies.robot.joint_names
+        pairs = couplings_between(setting.bodies, velocity_scale(choice))
+        yield from coupling_moves(choice, names, pairs)
+    if "motion_cutoff" not in scope.fixed:
+        yield from cutoff_moves(choice, scope.cutoffs)
+    if "delay" not in scope.fixed:
+        yield from delay_moves(choice, fitting_delay(evaluator, current))
+
+
+def _of_terms(
+    evaluator: Evaluator, current: Evaluated, baseline: HeldOut, scope: Scope
+) -> Iterator[Proposal]:
+    """Yield drive terms for all joints, for joints that they help, and for the best."""
+    choice, bodies = current.choice, evaluator.setting.bodies
+    names = bodies.robot.joint_names
+    measured = [names.index(name) for name in bodies.torque_joints]
+    loaded = [names.index(name) for name in evaluator.setting.loaded]
+    sloped = [names.index(name) for name in evaluator.setting.sloped]
+    before = baseline.squares.sum(axis=0)
+    total = max(float(before.sum()), 1e-300)
+    speeds = evaluator.samples(choice.motion_cutoff).top_speeds
+    for term in term_moves(choice, measured, loaded, sloped, speeds):
+        if term.kind in scope.fixed:
+            continue
+        everywhere = with_drive(choice, term.lacking, term.change)
+        after = evaluator.screened(everywhere, current)
+        gains = dict(zip(measured, joint_gains(baseline, after), strict=True))
+        lost = before - after.squares.sum(axis=0)
+        brought = dict(zip(measured, lost, strict=True))
+        if scope.everywhere:
+            helped = tuple(j for j in term.lacking if gains[j].share > LEAST_HELP)
+            best = max(term.lacking, key=lambda j: brought[j])
+            offered = [term.lacking, helped, (best,)]
+        else:
+            helped = tuple(j for j in term.lacking if believable(gains[j]))
+            offered = [helped, helped[:1]]
+        for joints in dict.fromkeys(offered):
+            if joints:
+                everyone = joints == tuple(measured)
+                where = ", ".join(names[j] for j in joints)
+                move = ModelMove(
+                    term.kind,
+                    f"{term.label} of {'all joints' if everyone else where}",
+                    choice,
+                    with_drive(choice, joints, term.change),
+                )
+                yield Proposal(move, sum(brought[j] for j in joints) / total)

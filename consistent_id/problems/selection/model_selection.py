@@ -1,8 +1,8 @@
 """Model selection: from a problem's training data to a model and its file."""
 
-import os
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
+from time import process_time
 from typing import Any
 
 from consistent_id._support.executors import single_threaded
@@ -35,11 +35,11 @@ from consistent_id.problems.selection.choice import (
     velocity_scale,
 )
 from consistent_id.problems.selection.forward_search import (
+    Scope,
     State,
     Step,
     better_models,
 )
-from consistent_id.problems.selection.proposals import Scope
 from consistent_id.problems.selection.setup import KINDS, Beginning, beginning
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
@@ -99,7 +99,7 @@ class ModelSelection:
     fits : int
         Number of constrained fits.
     seconds : float
-        Processor time, of all processes.
+        Processor time.
     notes : tuple of str
     """
 
@@ -286,7 +286,7 @@ def select_model(
     RecordingError
         If there is too little motion to leave blocks out.
     """
-    started = _processor_time()
+    started = process_time()
     data = data_of(problem.table)
     unknown = sorted(set(fixed) - set(KINDS))
     if unknown:
@@ -311,14 +311,9 @@ def select_model(
         plain=begun.evaluator.expected(begun.plain),
         expected=begun.evaluator.expected(state.current),
         fits=begun.evaluator.fits,
-        seconds=round(_processor_time() - started, 2),
+        seconds=process_time() - started,
         notes=_notes(choice, begun.scope, band, rate, interrupted),
     )
-
-
-def _processor_time() -> float:
-    """Return the processor time of this process and of those that it ended, [s]."""
-    return sum(os.times()[:4])
 
 
 def _begun(
@@ -345,11 +340,8 @@ def _searched(begun: Beginning, progress: bool) -> tuple[State, bool]:
     """Return the last state of the search, and whether it was interrupted."""
     state = State(begun.plain)
     try:
-        with (
-            stages(_STAGES, progress) as begin,
-            begun.evaluator.in_two_processes() as evaluator,
-        ):
-            for state in better_models(evaluator, begun.plain, begun.scope):
+        with stages(_STAGES, progress) as begin:
+            for state in better_models(begun.evaluator, begun.plain, begun.scope):
                 made = state.steps[-1].move.label if state.steps else "plain model"
                 left_out = begun.evaluator.expected(state.current)
                 begin(f"model: {made}, left-out error {percent(left_out)}")

@@ -17,7 +17,7 @@ from consistent_id.problems.selection.choice import (
     data_of,
 )
 from consistent_id.problems.selection.evaluation import Evaluated, Evaluator, Setting
-from consistent_id.problems.selection.proposals import Scope
+from consistent_id.problems.selection.forward_search import Scope
 from consistent_id.problems.selection.samples import (
     NUMBERS,
     SampledLog,

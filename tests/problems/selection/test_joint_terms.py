@@ -26,19 +26,17 @@ from consistent_id.problems.selection.choice import (
     with_drive,
     without,
 )
+from consistent_id.problems.selection.evaluation import _drive
 from consistent_id.problems.selection.fits import Gain, HeldOut, gain, joint_gains
 from consistent_id.problems.selection.forward_search import (
-    State,
-    _enough,
-    without_needless_terms,
-)
-from consistent_id.problems.selection.proposals import (
     LEAST_HELP,
     PLAIN,
+    State,
+    _enough,
     believable,
     proposals,
+    without_needless_terms,
 )
-from consistent_id.problems.selection.screening import drive_fit
 from consistent_id.robot import load_urdf
 
 
@@ -80,10 +78,10 @@ def test_a_column_that_is_nothing_beside_the_torque_gets_no_coefficient():
     rng = np.random.default_rng(1)
     A, b = rng.normal(size=(2, 9, 3)), rng.normal(size=(2, 9))
     A[:, :, 1] *= 1e-200  # as of a Stribeck term far from rest
-    y = drive_fit(A, b, np.array([True, False, True]))
+    y = _drive(A, b, np.array([True, False, True]))
     assert np.isfinite(y).all()
     assert (y[:, 1] == 0.0).all()
-    alone = drive_fit(A[:, :, [0, 2]], b, np.array([True, True]))
+    alone = _drive(A[:, :, [0, 2]], b, np.array([True, True]))
     np.testing.assert_allclose(y[:, [0, 2]], alone, rtol=1e-9)
 
 

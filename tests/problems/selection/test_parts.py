@@ -1,7 +1,6 @@
 """The parts of a selection: blocks, band, factors, screening, gains."""
 
 import re
-import sys
 from dataclasses import replace
 
 import msgspec
@@ -10,18 +9,16 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from consistent_id import ProblemError, Recording, draft_problem
-from consistent_id._support.run import Run, running
 from consistent_id.problems.selection.band import prediction_band, velocity_edge
 from consistent_id.problems.selection.choice import (
     Choice,
     ModelMove,
     delay_moves,
     scale_moves,
-    setter,
-    with_drive,
 )
 from consistent_id.problems.selection.evaluation import (
     Evaluator,
+    _drive,
     torque_delay,
 )
 from consistent_id.problems.selection.fits import (
@@ -37,7 +34,6 @@ from consistent_id.problems.selection.samples import (
     cells,
     folds,
 )
-from consistent_id.problems.selection.screening import drive_fit
 from consistent_id.problems.selection.setup import beginning
 from tests.helpers.logged import write_arm
 
@@ -200,7 +196,7 @@ def test_screened_drive_terms_are_the_bounded_least_squares_solution():
     expected = [
         lsq_linear(*fold, (low, np.inf), tol=1e-13).x for fold in zip(A, b, strict=True)
     ]
-    np.testing.assert_allclose(drive_fit(A, b, nonnegative), expected, atol=1e-6)
+    np.testing.assert_allclose(_drive(A, b, nonnegative), expected, atol=1e-6)
 
 
 def test_a_gain_is_the_share_of_the_squared_error_that_is_gone():
@@ -278,28 +274,3 @@ def test_a_delay_is_late_or_early_but_never_negative():
     assert early.label == "torque early by 13 ms"
     assert early.after.delay == -0.013
     assert list(delay_moves(early.after, -0.013)) == []
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="no copies of a process elsewhere")
-def test_another_process_screens_and_fits_what_this_one_would(begun, monkeypatch):
-    plain = begun.plain
-    wider = next(scale_moves(plain.choice, [0.5])).after
-    sprung = with_drive(plain.choice, [0], setter(spring=True))
-    none = with_drive(plain.choice, [0], setter(velocity_scale=None))
-    choices = [wider, none, sprung]
-    fresh = Evaluator(begun.evaluator.setting)
-    alone = [fresh.screened(wider, plain), None, fresh.screened(sprung, plain)]
-    fits = fresh.evaluated(sprung)
-    with running(Run(beside=True)):
-        shared = Evaluator(begun.evaluator.setting).in_two_processes()
-        with shared as evaluator:
-            monkeypatch.setattr(Evaluator, "_answer", None)  # here, not in the copy
-            found = evaluator.screened_beside(choices, plain)()
-            evaluator.evaluate_ahead([plain.choice, none, sprung])
-            monkeypatch.setattr(Evaluator, "factors", None)  # nor is it fitted again
-            theirs = evaluator.evaluated(sprung)
-    assert found[1] is None
-    for one, other in zip(found[::2], alone[::2], strict=True):
-        np.testing.assert_array_equal(one.squares, other.squares)
-    np.testing.assert_array_equal(theirs.fits.parameters, fits.fits.parameters)
-    np.testing.assert_array_equal(theirs.errors.squares, fits.errors.squares)

@@ -11,7 +11,6 @@ from consistent_id import (
     load_problem,
     simulate_torque,
 )
-from consistent_id._support.run import Run, running
 from consistent_id.cli import main
 from consistent_id.problems import select_model
 from consistent_id.problems.file import problem_table
@@ -94,17 +93,6 @@ def test_a_term_that_the_robot_has_is_found(tmp_path, term):
     others = set(kinds(chosen)) - {term, "velocity_scale", "motion_cutoff"}
     assert others == set()
     assert chosen.expected < 0.5 * chosen.plain
-
-
-@pytest.mark.slow
-def test_a_search_that_two_processes_share_finds_the_same(tmp_path):
-    files = written(tmp_path, rotor_inertia=True, spring=True)
-    with running(Run(beside=True)):
-        shared = draft_problem(*files).selection
-    here = draft_problem(*files).selection
-    assert shared.steps and shared.steps == here.steps
-    assert (shared.choice, shared.expected) == (here.choice, here.expected)
-    assert shared.fits == here.fits
 
 
 @pytest.mark.slow
