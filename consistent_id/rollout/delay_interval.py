@@ -24,6 +24,7 @@ from consistent_id.errors import ConsistentIdError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording, velocities
+from consistent_id.recordings.signals import PDGains
 from consistent_id.rollout.candidates import Candidates
 from consistent_id.rollout.commanded_motion import replayable
 from consistent_id.rollout.delay_search import (
@@ -134,6 +135,20 @@ def delay_sentence(
     if found.at_bound and interval[1] <= SAME:
         evidence += "; commands may be logged later than they act: check their clock"
     return evidence
+
+
+def damping_sentence(gains: PDGains, joints: Sequence[str]) -> str:
+    """Return what viscous friction an error of the delay acts like.
+
+    The torque ``kp (q_d(t - d) - q)`` of late commands is ``kp d dq_d/dt`` less than
+    that of commands in time, to first order.
+    """
+    kp = gains.of(len(joints)).kp
+    j = int(np.argmax(kp))
+    return (
+        f"1 ms more of delay acts like {1e-3 * kp[j]:.2g} more of viscous friction at "
+        f"{joints[j]}, its kp times the delay: estimates of both share their errors"
+    )
 
 
 def other_frictions(

@@ -36,6 +36,7 @@ from consistent_id.rollout.chosen_settings import (
 )
 from consistent_id.rollout.compared_models import Rollout, rollout
 from consistent_id.rollout.delay_interval import (
+    damping_sentence,
     delay_sentence,
     delay_words,
     without_rests,
@@ -170,6 +171,8 @@ class ProblemRollout:
             rested = without_rests(self.problem, s)
             found, interval = choice.delay, choice.delay_interval
             notes.append(delay_sentence(found, interval, rested=rested))
+            names = self.problem.model.robot.joint_names
+            notes.append(damping_sentence(gains_of(self.problem), names))
         stated = self.problem.table.constraints.equal_motors
         if motors := motor_sentence(choice, stated):
             notes.append(motors)

@@ -7,12 +7,14 @@ import pytest
 
 from consistent_id import load_problem
 from consistent_id.rollout.delay_interval import (
+    damping_sentence,
     delay_interval,
     delay_sentence,
     delay_words,
     other_frictions,
 )
 from consistent_id.rollout.delay_search import MOST, SAME, FoundDelay, found_delay
+from consistent_id.signals import PDGains
 
 PLACES = np.array([0.006, 0.0075, 0.009, 0.0087] * 2)  # s, of blocks of equal weight
 STANDARD = PLACES.std(ddof=1) / np.sqrt(len(PLACES))
@@ -164,3 +166,14 @@ def test_a_true_delay_is_inside_though_friction_is_of_another_kind(
     others = other_frictions(problem, rows, candidates)
     low, high = delay_interval(found, others, MOST)
     assert low < 0.007 < high < low + 0.012
+
+
+def test_late_commands_act_like_viscous_friction():
+    gains = PDGains(np.array([40.0, 300.0]), 2.0)
+    said = damping_sentence(gains, ("hip", "knee"))
+    assert said.startswith("1 ms more of delay acts like 0.3 more of viscous friction")
+    assert "at knee" in said
+    time = np.arange(4000) / 4000
+    told, late = np.sin(3.0 * time), np.sin(3.0 * (time - 1e-3))
+    rate = 3.0 * np.cos(3.0 * time)
+    np.testing.assert_allclose(300.0 * (told - late), 0.3 * rate, atol=2e-3)
