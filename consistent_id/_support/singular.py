@@ -68,3 +68,11 @@ def lstsq(A: Matrix, b: Array, rcond: float | None = None) -> Array:
     least = np.finfo(float).eps * max(A.shape) if rcond is None else rcond
     rank = int((s > least * s[0]).sum())
     return np.asarray((Vt[:rank].T / s[:rank]) @ (U[:, :rank].T @ b))
+
+
+def pinv(A: Matrix, rcond: float = 1e-15) -> Matrix:
+    """Return the pseudo-inverse of a matrix; `rcond` as of `lstsq`."""
+    try:
+        return np.asarray(np.linalg.pinv(A, rcond=rcond))
+    except np.linalg.LinAlgError:
+        return np.asarray(lstsq(A, np.eye(len(A)), rcond))

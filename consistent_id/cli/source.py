@@ -257,10 +257,9 @@ def studied(
     found = stored(options, folder)
     if found is not None:
         return found
-    if options.log and folder is not None and not getattr(options, "dry_run", False):
-        from consistent_id.report.results_writing import require_place
-
-        require_place(folder)  # before a model is chosen, which gives the name
+    stated = any(getattr(options, name, None) for name in ("output", "report"))
+    if options.log and stated and before is not None:
+        before("")  # a stated place does not depend on the name, which comes late
     source = opened(options)
     if before is not None:
         before(source.problem.name)

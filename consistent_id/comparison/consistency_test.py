@@ -34,7 +34,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import Executor, single_threaded
-from consistent_id._support.singular import lstsq, svd
+from consistent_id._support.singular import lstsq, pinv, svd
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
 from consistent_id.constraints.cones.programmes import COARSE
@@ -226,7 +226,7 @@ def _drawn_noise(
         for F, sigma in zip(regression.factors, regression.sigma, strict=True)
     ]
     parts = np.array([Q.T @ Q for Q in rows])  # of the joints; they add up to one
-    to_rows = best.scaled.M @ np.linalg.pinv(best.scaled.projection) @ steps
+    to_rows = best.scaled.M @ pinv(best.scaled.projection) @ steps
     drawn = rng.normal(size=(draws, noise.rank))
     levels = freedom / rng.chisquare(freedom, size=(draws, len(freedom)))
     roots = np.linalg.cholesky(np.einsum("dj,jkl->dkl", levels, parts))

@@ -22,7 +22,7 @@ from consistent_id._support.arrays import (
     freeze_arrays,
 )
 from consistent_id._support.executors import single_threaded
-from consistent_id._support.singular import svd
+from consistent_id._support.singular import pinv, svd
 from consistent_id._support.tables import Table, brief
 from consistent_id.constraints import Constraint
 from consistent_id.errors import ProblemError
@@ -245,7 +245,7 @@ class _CalibrationSearch:
         spread, n = self.spread[wanted], int(wanted.sum())
         seen, rest = rows[width:, width:-1] * spread, rows[width:, -1]
         A = np.vstack([seen, np.eye(n)])
-        inverse = np.linalg.pinv(A)
+        inverse = pinv(A)
         change, errors = np.zeros(len(values)), np.zeros(len(values))
         change[wanted] = spread * (inverse @ np.append(rest, -(away[wanted] / spread)))
         errors[wanted] = spread * np.linalg.norm(inverse, axis=1)

@@ -139,7 +139,9 @@ def _note(drives: DelayedDrives, step: float) -> str:
     short = ", which is one step" if drives.delay < acts else ""
     names = " and ".join(("position", *drives.further))
     beyond = ", ".join(drives.exceeded)
-    without = f"; without the limits of {beyond}, which their torque exceeded"
+    without = (
+        f"; without the robot's file's limits for {beyond}, whose torque was larger"
+    )
     return (
         f"the file *{SUFFIX} beside it has the PD drives, for commands of {names}, "
         f"which act {1e3 * acts:.3g} ms late{short}, in steps of {1e3 * step:g} ms; "

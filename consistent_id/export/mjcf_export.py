@@ -239,6 +239,7 @@ def _number(item: Any, name: str) -> float:
 
 
 WEAK = 1e-4  # stiffness over offset, [1/rad] or [1/m], of a spring that is a preload
+_EXCEEDED = 1.05  # times a limit: drives at theirs measure a little more, by noise
 _EXPRESSED = ("damping", "friction", "armature", "stiffness")
 _DRIVE = ("damping", "frictionloss", "armature", "stiffness")
 
@@ -334,10 +335,20 @@ def to_mjcf(
     require_type(gains, PDGains, "gains")
     joints = estimate.model.robot.joint_names
     fit = estimate.fit
-    beyond = () if fit is None else np.array(fit.joints)[fit.efforts > 1.0].tolist()
+    beyond = (
+        () if fit is None else np.array(fit.joints)[fit.efforts > _EXCEEDED].tolist()
+    )
     own = gains.of(len(joints))
     drives = DelayedDrives(joints, own, delay, commands, exceeded=tuple(beyond))
     return _with_drives(made, drives, source)
+
+
+def _exceeded(estimate: Estimate) -> tuple[str, ...]:
+    """Return joints whose torque was larger than their limit, as far as it is known."""
+    if (fit := estimate.fit) is None:
+        return ()
+    pairs = zip(fit.joints, fit.efforts, strict=True)
+    return tuple(joint for joint, effort in pairs if effort > _EXCEEDED)
 
 
 def _with_drives(

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
-from consistent_id._support.singular import lstsq, svd
+from consistent_id._support.singular import lstsq, pinv, svd
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.errors import InfeasibleError, ProblemError
@@ -222,7 +222,7 @@ def robot_share(name: str, fleet: FleetModel, regression: Regression) -> RobotSh
         factors.append(triangle(np.asfortranarray(B - U @ taken)))
         if regression.noise is not None:
             N = regression.noise.scores[j]
-            C = np.linalg.pinv(U.T @ A) @ taken[:, :-1]
+            C = pinv(U.T @ A) @ taken[:, :-1]
             scores.append(N[:, fleet.common] - N[:, mine] @ C)
     noise = regression.noise
     shared = Regression(

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.singular import svd
+from consistent_id._support.singular import pinv, svd
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.sets import ConicSet
@@ -149,7 +149,7 @@ def without_load(
     A = np.vstack([A @ load.steps, load.curvature])
     W = np.vstack([W, np.zeros((len(load.curvature), W.shape[1]))])
     U = span(A)
-    explained = load.steps @ np.linalg.pinv(A) @ W
+    explained = load.steps @ pinv(A) @ W
     left = np.split(W - U @ (U.T @ W), ends[:-1])  # curvature goes with the last joint
     factors = (
         triangle(np.asfortranarray(part * s))
@@ -355,7 +355,7 @@ def shared_errors(shared: Regression, bodies: Estimate, known: Matrix) -> Shared
     if norms.any():
         _, s, Vt = svd(known / np.where(norms > 0.0, norms, 1.0))
         T = Vt[int((s > _OPEN).sum()) :].T
-    rows = np.linalg.pinv(noise.steps) @ bodies.base.projection @ T
+    rows = pinv(noise.steps) @ bodies.base.projection @ T
     found = solve_linear(rows, np.zeros(len(rows)))
     return SharedErrors(T @ found.pseudo_inverse @ noise.root.T, T @ found.kernel)
 
@@ -394,7 +394,7 @@ def found_payload(
         method=LOAD,
     )
     W = regression.stacked()
-    moved = np.linalg.pinv(W[:, place.columns]) @ W[:, :-1]
+    moved = pinv(W[:, place.columns]) @ W[:, :-1]
     of_noise = _own_errors(own)
     total = np.hypot(of_noise.values, errors.of(moved))
     # [Satterthwaite1946]_: shares of the variance by noise.

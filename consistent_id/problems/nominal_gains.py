@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.singular import lstsq
+from consistent_id._support.singular import lstsq, pinv
 from consistent_id._support.tables import Table
 from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.recordings.recording import Recording
@@ -367,7 +367,7 @@ def _with_bodies(fits: list[_GainRows], nominal: Vector) -> tuple[Vector, Vector
         if (abs(change) <= _SETTLED * abs(inverse)).all():
             break
     triangle = np.asarray(np.linalg.qr(slopes / scale, mode="r"))[width:, width:]
-    spread = np.linalg.pinv(triangle, rcond=1e-12)
+    spread = pinv(triangle, rcond=1e-12)
     deviation = np.linalg.norm(spread, axis=1) / scale[width:]
     unseen = np.diag(triangle) == 0.0
     return inverse, np.where(unseen, np.inf, deviation)

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, chunks
-from consistent_id._support.singular import lstsq, svd
+from consistent_id._support.singular import lstsq, pinv, svd
 from consistent_id._support.tables import brief
 from consistent_id.comparison.feasibility import BaseFeasibility, base_feasibility
 from consistent_id.constraints import (
@@ -179,9 +179,7 @@ class Parametrisation:
         _, s, Vt = svd(known.A_eq)
         rank = int((s > 1e-12 * s.max(initial=0.0)).sum())
         free = Vt[rank:].T
-        rest = np.linalg.lstsq(
-            self.matrix @ free, alpha - self.matrix @ start, rcond=1e-10
-        )[0]
+        rest = lstsq(self.matrix @ free, alpha - self.matrix @ start, 1e-10)
         return np.asarray(start + free @ rest)
 
     def _lifts(self) -> tuple[Matrix, Matrix]:
@@ -194,7 +192,7 @@ class Parametrisation:
             mine = np.array([c.effect == effect for c in self.combinations])
             lift = np.zeros(C.T.shape)
             if mine.any():
-                lift[:, mine] = np.linalg.pinv(C[mine])
+                lift[:, mine] = pinv(C[mine])
             maps.append(lift)
         return maps[0], maps[1]
 

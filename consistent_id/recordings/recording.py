@@ -403,6 +403,11 @@ class LogFinding:
     recording: str = ""
     size: str = ""
 
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "score", float(self.score)
+        )  # NumPy's cannot be written
+
 
 def several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     """Return one recording, or any number, as a list; refuse all else."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import single_threaded
-from consistent_id._support.singular import singular_values, svd
+from consistent_id._support.singular import pinv, singular_values, svd
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters, base_parameters, require_match
@@ -194,7 +194,7 @@ class ResidualNoise:
         Shape (rank, base).
         """
         square = self.steps.shape[0] == self.steps.shape[1]
-        inverse = np.linalg.inv if square else np.linalg.pinv
+        inverse = np.linalg.inv if square else pinv
         return np.asarray(inverse(self.steps))
 
     @property

@@ -19,7 +19,7 @@ import numpy as np
 from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.given_values import require_type, require_types
-from consistent_id._support.singular import svd
+from consistent_id._support.singular import pinv, svd
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.certificate import Certificate
@@ -295,7 +295,7 @@ def _by_base(R: Matrix, start: RefinementStart) -> Matrix:
     those nearest to the free ones', each in units of its own step.
     """
     projection, step = start.estimate.base.projection, start.changes[start.free]
-    by_step = np.linalg.pinv(projection[:, start.free] * step, rcond=_SAME)
+    by_step = pinv(projection[:, start.free] * step, rcond=_SAME)
     return np.asarray((R * step) @ by_step @ projection)
 
 

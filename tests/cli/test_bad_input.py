@@ -221,13 +221,31 @@ def test_a_place_that_cannot_be_written_to_is_named(tmp_path):
 
 
 @pytest.mark.slow
-def test_results_that_cannot_be_written_are_refused_before_a_model_is_chosen(
-    tmp_path, monkeypatch, capsys
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("identify", "--output", "x"),
+        ("identify", "--report", "x.html"),
+        ("compare", "--output", "x"),
+        ("report", "--output", "x.html"),
+    ],
+)
+def test_a_place_that_cannot_be_written_to_is_refused_before_a_model_is_chosen(
+    words, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setattr(drafting, "drafted", None)
+    command, option, name = words
     files = map(str, write_arm(tmp_path))
-    assert main(["identify", *files, "--output", str(tmp_path / "arm.urdf" / "x")]) == 2
+    place = str(tmp_path / "arm.urdf" / name)
+    assert main([command, *files, option, place]) == 2
     assert "cannot be written" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_dry_run_needs_no_place(tmp_path):
+    files = map(str, write_arm(tmp_path))
+    out = ("--output", str(tmp_path / "arm.urdf" / "x"), "--dry-run")
+    assert main(["identify", *files, *out, "--cutoff", "10", "--no-select"]) < 2
 
 
 def test_what_stood_in_a_file_stays_when_writing_fails(tmp_path, monkeypatch):

@@ -106,6 +106,7 @@ def test_a_joint_s_gain_is_named_from_its_gates(gain, errors, explained, named):
     [
         ([0.03, 0.02, 0.03, 0.02, 0.01, 0.02], True),
         ([0.06, 0.05, 0.0, -0.01, 0.0, 0.01], False),  # of two joints
+        ([0.3, 0.0, 0.0, -0.01, 0.0, 0.01], False),
         ([0.5, 0.1, 0.0, -0.01, 0.0, 0.01], True),  # but much
         ([-0.03, -0.02, -0.03, -0.02, -0.01, -0.02], False),
         ([0.02, 0.001], False),

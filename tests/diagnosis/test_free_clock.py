@@ -115,6 +115,21 @@ def test_a_clock_that_is_a_warning_takes_no_others_place(severity, kinds):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("drives", "agree", "named"),
+    [(0.51, False, False), (0.51, True, True), (0.49, False, True)],
+)
+def test_where_drives_take_most_torque_all_joints_have_to_show_the_clock(
+    drives, agree, named, monkeypatch
+):
+    _, log = logged(1)
+    as_is = FactorLogs.of(_foreign(), [_clocked(log, 1.3)])
+    monkeypatch.setattr(free_clock, "drives_share", lambda _: drives)
+    monkeypatch.setattr(free_clock.ClockSpeeds, "all_show", lambda *_: agree)
+    assert (estimated(as_is) is not None) is named
+
+
+@pytest.mark.slow
 def test_a_clock_that_is_far_from_sure_is_not_looked_for_exactly(monkeypatch):
     _, log = logged(1)
     as_is = FactorLogs.of(_foreign(), [_clocked(log, 1.3)])

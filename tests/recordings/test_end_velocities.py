@@ -34,6 +34,19 @@ def test_an_end_without_a_difference_gets_that_of_its_neighbour(end, place, capl
 
 
 @pytest.mark.slow
+def test_a_joint_whose_step_is_another_gets_the_next_velocity():
+    """By a whole turn, by an encoder's step at rest, or against the velocity."""
+    q = np.column_stack([Q[:, 0], Q[:, 0], 0.0 * TIME, Q[:, 0]])
+    dq = differences(q, "first")
+    q[0, 1] -= 2.0 * np.pi
+    q[0, 2] = 1e-4
+    dq[:, 3] *= -1.0
+    log = ci.Recording(("hip", "turn", "rest", "wrong"), TIME, q, dq)
+    mended = with_end_velocities(log).velocity
+    np.testing.assert_array_equal(mended[0, 1:], dq[1, 1:])
+    np.testing.assert_allclose(mended[0, 0], EXACT[0, 0], atol=0.02)
+
+
 def test_the_filter_then_has_the_acceleration_of_the_motion():
     exact = -9.0 * Q[:, 0]
 
@@ -63,6 +76,11 @@ def at_rest(noise):
         log(differences(at_rest(1e-4), "first"), at_rest(1e-4)),
         log(differences(np.round(at_rest(0.0), 3), "first"), np.round(at_rest(0.0), 3)),
         log(differences(Q, "first"), 0.0 * Q),  # of a joint that does not move
+        log(differences(Q, "first"), 0.3 * Q),  # nor as its velocity says
+        log(differences(Q, "first"), 3.0 * Q),
+        log(None).samples(slice(2)),
+        log(0.0 * Q).samples(slice(3)),
+        log(differences(Q, "first")).samples(slice(2)),
     ],
 )
 def test_other_logs_stay_as_they_are(recording):

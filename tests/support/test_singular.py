@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from consistent_id._support.singular import lstsq, singular_values, svd
+from consistent_id._support.singular import lstsq, pinv, singular_values, svd
 
 RNG = np.random.default_rng(0)
 TALL = RNG.normal(size=(9, 5)) @ np.diag([1.0, 1.0, 1e-3, 1.0, 0.0])
@@ -19,6 +19,7 @@ def never(monkeypatch):
 
     monkeypatch.setattr(np.linalg, "svd", fails)
     monkeypatch.setattr(np.linalg, "lstsq", fails)
+    monkeypatch.setattr(np.linalg, "pinv", fails)
 
 
 @each_matrix
@@ -43,6 +44,23 @@ def test_solutions_are_the_smallest(A, rcond, columns, request):
     np.testing.assert_allclose(lstsq(A, b, rcond), expected, rtol=1e-9, atol=1e-12)
 
 
-def test_what_is_not_finite_has_no_decomposition(never):
+@each_matrix
+@pytest.mark.parametrize("rcond", [1e-15, 1e-2])
+def test_pseudo_inverses_are_as_numpys(A, rcond, request):
+    expected = np.linalg.pinv(A, rcond=rcond)
+    np.testing.assert_array_equal(pinv(A, rcond), expected)
+    request.getfixturevalue("never")
+    np.testing.assert_allclose(pinv(A, rcond), expected, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize(("last", "rank"), [(1e-14, 2), (1e-17, 1)])
+def test_the_tolerance_is_numpys_unless_it_is_given(last, rank, never):
+    A, b = np.diag([1.0, last]), np.ones(2)
+    assert np.count_nonzero(lstsq(A, b)) == rank
+    assert np.count_nonzero(lstsq(A, b, 0.1 * last)) == 2
+    assert np.count_nonzero(lstsq(A, b, 2.0 * last)) == 1
+
+
+def test_values_that_are_not_finite_are_refused(never):
     with pytest.raises(np.linalg.LinAlgError):
         svd(np.array([[1.0, np.nan]]))

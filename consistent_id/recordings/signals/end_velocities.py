@@ -1,4 +1,4 @@
-"""Velocities of the first and the last row that nobody measured.
+"""First and last velocities that are zero because a difference is missing.
 
 Differences of positions are one fewer than rows.  The row that is left over often gets
 a velocity of zero, though the joints move.  A filter, which continues a log beyond its
@@ -23,8 +23,10 @@ def with_end_velocities(recording: Recording) -> Recording:
     """Return a recording whose first and last velocities are of the motion.
 
     Where all joints have a velocity of exactly zero in one of these rows, but one of
-    them moves and the next velocity is a jump, velocities there are the step of the
-    positions to that row over the time between them.  A warning says so.
+    them moves and the next velocity is a jump, each joint gets the step of its position
+    to that row over the time between them.  Where this is not near the next velocity,
+    as at a jump by a whole turn, it gets the next velocity.  A warning says so.
+    Accelerations stay as they are.
 
     Examples
     --------
@@ -41,9 +43,11 @@ def with_end_velocities(recording: Recording) -> Recording:
     time, q = recording.time, recording.position
     changed = dq.copy()
     for name, end, step in (("first", 0, 1), ("last", -1, -1)):
-        if _is_made_up(*(x[::step][: _NEAR + 2] for x in (time, q, dq))):
+        if _lacks_a_difference(*(x[::step][: _NEAR + 2] for x in (time, q, dq))):
             other = end + step
-            changed[end] = (q[other] - q[end]) / (time[other] - time[end])
+            moved = (q[other] - q[end]) / (time[other] - time[end])
+            near = abs(moved - dq[other]) <= abs(dq[other])
+            changed[end] = np.where(near, moved, dq[other])
             _log.warning(
                 "%s: the %s velocity is zero, but the joints move: the step of their "
                 "positions is read in its place",
@@ -54,11 +58,12 @@ def with_end_velocities(recording: Recording) -> Recording:
     return recording if same else replace(recording, velocity=changed)
 
 
-def _is_made_up(time: Vector, q: Matrix, dq: Matrix) -> bool:
+def _lacks_a_difference(time: Vector, q: Matrix, dq: Matrix) -> bool:
     """Return whether the first velocities are zero, but not those of the motion."""
-    if dq[0].any() or not dq[1].any():
+    if dq[0].any():
         return False
     usual = abs(np.diff(dq[1:], axis=0)).max(axis=0)
     jumps = abs(dq[1]) > _JUMP * usual
-    moved = (q[1] - q[0]) / (time[1] - time[0])
-    return bool((jumps & (abs(moved) > 0.5 * abs(dq[1]))).any())
+    moved = abs((q[1] - q[0]) / (time[1] - time[0]))
+    near = (moved > 0.5 * abs(dq[1])) & (moved < 2.0 * abs(dq[1]))
+    return bool((jumps & near).any())
