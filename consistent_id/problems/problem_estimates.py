@@ -106,18 +106,7 @@ def identify(
         ),
     )
     spans = fitted_spans(training)
-    return tuple(
-        replace(
-            estimate,
-            fitted_to=spans,
-            notes=(
-                *estimate.notes,
-                *slack_notes(slacks, estimate.method),
-                *shape_notes(model),
-            ),
-        )
-        for estimate in estimates
-    )
+    return tuple(replace(noted(e, slacks), fitted_to=spans) for e in estimates)
 
 
 @single_threaded  # here, for both threads: the first that ends would give it back
@@ -149,6 +138,12 @@ def slack_choices(
     with worker_threads(len(fits)) as pool:
         chosen = pool.map(lambda each: chosen_slack(each, problem.prior), fits.values())
         return dict(zip(fits, chosen, strict=True))
+
+
+def noted(estimate: Estimate, slacks: Mapping[Method, SlackChoice]) -> Estimate:
+    """Return an estimate with notes on its slack, and on what counts as known."""
+    more = *slack_notes(slacks, estimate.method), *shape_notes(estimate.model)
+    return replace(estimate, notes=(*estimate.notes, *more))
 
 
 def slack_notes(slacks: Mapping[Method, SlackChoice], method: str) -> tuple[str, ...]:
@@ -232,7 +227,7 @@ def refitted(
     )
     return replace(
         again,
-        notes=(note, *again.notes, *shape_notes(model)),
+        notes=(note, *again.notes),
         accepted=estimate.accepted,
         judged=estimate.judged,
         fitted_to=fitted_spans(recordings),

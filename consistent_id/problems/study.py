@@ -30,8 +30,8 @@ from consistent_id.estimation.verdict import Verdict, confirmed
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem, require_problem
 from consistent_id.problems.problem_estimates import (
+    noted,
     refitted,
-    slack_notes,
 )
 from consistent_id.problems.stated_model import drawn_parts
 from consistent_id.problems.study_fits import StudyFits
@@ -170,9 +170,7 @@ class Study(StudyFits):
             return estimate
         every = (*self.training, *self.validation)
         prior = self.priors[Method(estimate.method)]
-        again = refitted(self.problem, estimate, every, prior)
-        why = slack_notes(self.slacks, estimate.method)
-        return replace(again, notes=(*again.notes, *why))
+        return noted(refitted(self.problem, estimate, every, prior), self.slacks)
 
     @property
     def verdict(self) -> Verdict:

@@ -45,6 +45,7 @@ from consistent_id.problems.problem import Problem
 from consistent_id.problems.problem_estimates import (
     fits_left_out,
     identify,
+    noted,
     penalty_of,
     recordings_of,
     regularisation_path,
@@ -304,4 +305,5 @@ class StudyFits:
             base=self.base,
         )
         spans = fitted_spans(self.training)
-        return replace(estimate, accepted=self.accepted, fitted_to=spans)
+        own = noted(estimate, self.slacks)
+        return replace(own, accepted=self.accepted, fitted_to=spans)

@@ -207,10 +207,8 @@ def test_an_estimate_says_that_speeds_of_stribeck_friction_count_as_known(tmp_pa
         file.read_text().replace(plain, plain + "stribeck_velocity = 0.3\n")
     )
     study = Study(load_problem(folder))
-    for estimate in (
-        study.constrained,
-        study.estimate("least squares"),
-        study.delivered,
-    ):
+    alone = study.constrained
+    for estimate in (alone, *study.estimates, study.delivered):
         (note,) = (n for n in estimate.notes if "Stribeck" in n)
         assert "(shoulder 0.3, elbow 0.3 rad/s or m/s)" in note
+    assert alone.notes == study.constrained.notes
