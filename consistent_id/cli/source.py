@@ -259,7 +259,7 @@ def studied(
         return found
     stated = any(getattr(options, name, None) for name in ("output", "report"))
     if options.log and stated and before is not None:
-        before("")  # a stated place does not depend on the name, which comes late
+        before("")  # a stated place needs no name, which comes with the chosen model
     source = opened(options)
     if before is not None:
         before(source.problem.name)

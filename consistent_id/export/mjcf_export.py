@@ -334,12 +334,8 @@ def to_mjcf(
         return made
     require_type(gains, PDGains, "gains")
     joints = estimate.model.robot.joint_names
-    fit = estimate.fit
-    beyond = (
-        () if fit is None else np.array(fit.joints)[fit.efforts > _EXCEEDED].tolist()
-    )
-    own = gains.of(len(joints))
-    drives = DelayedDrives(joints, own, delay, commands, exceeded=tuple(beyond))
+    own, exceeded = gains.of(len(joints)), _exceeded(estimate)
+    drives = DelayedDrives(joints, own, delay, commands, exceeded)
     return _with_drives(made, drives, source)
 
 

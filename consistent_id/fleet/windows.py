@@ -25,6 +25,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import (
     onto_clock,
 )
+from consistent_id.recordings.signals.end_velocities import with_end_velocities
 from consistent_id.recordings.signals.filtered_rows import (
     RowFilter,
     left_out,
@@ -122,6 +123,8 @@ class PreparedStretch:
 
     def on_clock(self, raw: Recording, window: tuple[int, int]) -> Recording:
         """Return a window's rows on the clock of the stretch."""
+        if window[0] == 0 or window[1] == self.stretch.samples:
+            raw = with_end_velocities(raw)
         clock = self.stretch.clock(*window)
         if self.stretch.marks is None:
             return replace(raw, time=clock, name=self.stretch.name)

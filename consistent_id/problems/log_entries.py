@@ -69,8 +69,8 @@ def motion_of_joints(
     """Return the motion of the robot's joints from that of a log's columns.
 
     Whole turns are undone first; then scale and offset change each column, and coupled
-    ones are taken apart.  Torques stay as they are.  Velocities at the ends that nobody
-    measured are those of the positions, see `with_end_velocities`.
+    ones are taken apart.  Torques stay as they are.  First and last velocities that
+    lack a difference of positions get one, see `with_end_velocities`.
 
     Parameters
     ----------

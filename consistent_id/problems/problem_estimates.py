@@ -142,7 +142,7 @@ def slack_choices(
 
 def noted(estimate: Estimate, slacks: Mapping[Method, SlackChoice]) -> Estimate:
     """Return an estimate with notes on its slack, and on what counts as known."""
-    more = *slack_notes(slacks, estimate.method), *shape_notes(estimate.model)
+    more = *slack_notes(slacks, estimate.method), *stribeck_notes(estimate.model)
     return replace(estimate, notes=(*estimate.notes, *more))
 
 
@@ -152,7 +152,7 @@ def slack_notes(slacks: Mapping[Method, SlackChoice], method: str) -> tuple[str,
     return tuple(filter(None, said))
 
 
-def shape_notes(model: TorqueModel) -> tuple[str, ...]:
+def stribeck_notes(model: TorqueModel) -> tuple[str, ...]:
     """Return the note on speeds of Stribeck friction, which errors do not contain."""
     robot = model.robot
     speeds = {

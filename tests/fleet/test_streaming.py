@@ -161,6 +161,30 @@ def test_streamed_regressions_are_those_of_memory(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("end", ["first", "last"])
+def test_a_velocity_that_lacks_a_difference_is_mended_as_in_memory(log, end, caplog):
+    folder, recording = log
+    moving = recording.samples(slice(330, 4330))
+    steps = np.diff(moving.position, axis=0) * 100.0
+    parts = {"first": [0.0 * steps[:1], steps], "last": [steps, 0.0 * steps[:1]]}
+    velocity = np.vstack(parts[end])
+    columns = _columns(moving, moving.time)
+    columns |= {f"dq_{j}": velocity[:, k] for k, j in enumerate(moving.joints)}
+    file = _written(folder, "csv", columns)
+    problem = _problem(folder, file, UNIFORM)
+    plain = 'position = "q_{joint}"'
+    text = problem.source.read_text()
+    named = text.replace(plain, plain + '\nvelocity = "dq_{joint}"')
+    problem.source.write_text(named)
+    problem = ci.load_problem(problem.source)
+    streamed = ci.fleet.stream_regression(problem)
+    assert f"the {end} velocity is zero" in caplog.text
+    whole = ci.build_regression(problem.model, problem.training)
+    assert streamed.counts == whole.counts
+    assert _difference(streamed, whole) < 1e-12
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("executor", ["processes:2", "dask:2"])
 def test_regressions_are_the_same_wherever_they_are_made(log, executor, monkeypatch):
     if executor.startswith("dask"):

@@ -474,8 +474,7 @@ def _bound_by_qr(rows: Matrix, rest: Vector, to_centre: Vector, radius: float) -
     from scipy.linalg import solve_triangular
 
     R, along, end = rows, rest, 0.0
-    wide = len(rows) < len(rest)
-    if wide:
+    if wide := (len(rows) < len(rest)):
         Q, R = np.linalg.qr(rows.T)
         along = Q.T @ rest
         flat = rest - Q @ along
