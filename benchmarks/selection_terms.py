@@ -37,7 +37,8 @@ TERMS = {
 }
 """Terms that a joint may have, and how often it does."""
 
-_STRIBECK = 0.1  # rad/s
+_STRIBECK = (0.05, 0.25)  # rad/s, between which Stribeck velocities are drawn
+_CLOSE = 1.25  # ratio of velocities that counts as close
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,8 @@ class Found:
         Joints without a term, and with it, by term.
     width : float, [rad/s]
         Chosen for friction's change of sign; the truth is .02.
+    velocities : tuple of float
+        Chosen Stribeck velocities over true ones.
     error, oracle : float
         Of another motion's true torque, over it.
     seconds : float
@@ -63,6 +66,7 @@ class Found:
     absent: Counter[str]
     present: Counter[str]
     width: float
+    velocities: tuple[float, ...]
     error: float
     oracle: float
     seconds: float
@@ -70,7 +74,7 @@ class Found:
 
 def truth_of(seed: int, *, plain: bool) -> Truth:
     """Return a robot with random terms, or with rotor inertia alone."""
-    rng = np.random.default_rng([seed, 29])
+    rng, fading = (np.random.default_rng([seed, k]) for k in (29, 77))
     robot = ROBOTS[seed % len(ROBOTS)]
     if plain:
         return Truth(robot, {"rotor_inertia": True})
@@ -81,7 +85,8 @@ def truth_of(seed: int, *, plain: bool) -> Truth:
         terms: dict[str, object] = dict(has)
         terms["offset"] = not has["asymmetric"]
         if stribeck:
-            terms["stribeck_velocity"] = _STRIBECK
+            velocity = np.exp(fading.uniform(*np.log(_STRIBECK)))
+            terms["stribeck_velocity"] = float(velocity)
         own.append(terms)
     return Truth(robot, {}, by_joint=tuple(own))
 
@@ -104,7 +109,7 @@ def found(seed: int, *, plain: bool) -> Found:
     drive = dict(
         zip(problem.model.robot.joint_names, draft.selection.choice.drive, strict=True)
     )
-    false, missed = [], []
+    false, missed, velocities = [], [], []
     absent, present = Counter[str](), Counter[str]()
     for j, name in enumerate(names):
         own = stated.terms | (stated.by_joint[j] if stated.by_joint else {})
@@ -116,9 +121,20 @@ def found(seed: int, *, plain: bool) -> Found:
                 false.append((name, term))
             if real and not chosen:
                 missed.append((name, term))
+        if own.get("stribeck_velocity") and drive[name].stribeck_velocity:
+            ratio = drive[name].stribeck_velocity / own["stribeck_velocity"]
+            velocities.append(float(ratio))
     width = next(d.velocity_scale for d in drive.values())
     return Found(
-        tuple(false), tuple(missed), absent, present, width, error, oracle, seconds
+        tuple(false),
+        tuple(missed),
+        absent,
+        present,
+        width,
+        tuple(velocities),
+        error,
+        oracle,
+        seconds,
     )
 
 
@@ -183,6 +199,12 @@ def summary(kind: str, all_found: list[Found]) -> str:
         false, absent, missed, present = totals
         found = f"false terms {false} of {absent}, missed {missed} of {present}"
         return f"{lines[0]}; {found}\n"
+    ratios = np.log([v for one in all_found for v in one.velocities])
+    close = int((abs(ratios) <= np.log(_CLOSE)).sum())
+    lines[0] += (
+        f"; Stribeck velocities {100 * np.median(np.expm1(abs(ratios))):.0f}% wrong in "
+        f"the median, within a quarter {close} of {len(ratios)}"
+    )
     lines += [
         "\n| term | false, of joints without it | missed, of joints with it |",
         "|---|--:|--:|",

@@ -22,7 +22,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.diagnosis.factor_logs import FactorLogs, factors_of
 from consistent_id.diagnosis.factor_rows import EXACT, FactorRows, residual_of
-from consistent_id.regression.correlated_noise import correlation_lengths
+from consistent_id.regression.correlation_lengths import correlation_lengths
 
 SEVERAL = 2
 """Least number of torques: bodies that one joint carries load another one."""

@@ -14,7 +14,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
 from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.correlated_noise import correlation_lengths
+from consistent_id.regression.correlation_lengths import correlation_lengths
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.motion_arrays import RowColumns
 from consistent_id.regression.regression import triangle

@@ -32,7 +32,7 @@ from consistent_id.estimation.loaded_robot import (
     loaded_robot,
 )
 from consistent_id.recordings.recording import Recording, several
-from consistent_id.regression.correlated_noise import correlation_length
+from consistent_id.regression.correlation_lengths import correlation_length
 from consistent_id.regression.linear import column_sizes, independent_columns
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel

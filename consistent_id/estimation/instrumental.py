@@ -32,7 +32,8 @@ from consistent_id.regression.base import (
     open_combinations,
     parameter_origins,
 )
-from consistent_id.regression.correlated_noise import correlation_length, scores_along
+from consistent_id.regression.correlated_noise import scores_along
+from consistent_id.regression.correlation_lengths import correlation_length
 from consistent_id.regression.linear import LinearSolution, column_sizes, solve_linear
 from consistent_id.regression.motion_arrays import Motion
 from consistent_id.regression.recorded_motion import motion_of

@@ -108,7 +108,7 @@ class LoadedRobot:
         wider = self._wider(loaded)
         noise = regression.noise
         if noise is not None:
-            noise = replace(noise, scores=tuple(N @ wider for N in noise.scores))
+            noise = noise.through(lambda _, N: np.asarray(N @ wider))
         return replace(
             regression,
             layout=self.model.layout,

@@ -38,7 +38,7 @@ from consistent_id.estimation.loaded_robot import (
 )
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.correlated_noise import correlation_length
+from consistent_id.regression.correlation_lengths import correlation_length
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel

@@ -22,7 +22,7 @@ from consistent_id.estimation.shape_profile import (
 )
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters, base_parameters
-from consistent_id.regression.correlated_noise import correlation_length
+from consistent_id.regression.correlation_lengths import correlation_length
 from consistent_id.regression.friction_shapes import (
     SHAPE_NAMES,
     shape_regression,

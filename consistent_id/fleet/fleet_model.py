@@ -8,7 +8,7 @@ parts are on disk, not in memory.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
@@ -212,7 +212,7 @@ class RobotShare:
 def robot_share(name: str, fleet: FleetModel, regression: Regression) -> RobotShare:
     """Take a robot's own parameters out of its regression."""
     sigma = joint_noise(fleet.whole, regression, base=fleet.base)
-    factors, own, scores = [], [], []
+    factors, own, explained = [], [], []
     for j, mine in enumerate(fleet.own):
         F = regression.factors[j]
         A, B = F[:, mine], F[:, [*fleet.common, -1]]
@@ -220,10 +220,11 @@ def robot_share(name: str, fleet: FleetModel, regression: Regression) -> RobotSh
         taken = U.T @ B
         own.append(np.hstack([U.T @ A, taken]))
         factors.append(triangle(np.asfortranarray(B - U @ taken)))
-        if regression.noise is not None:
-            N = regression.noise.scores[j]
-            C = pinv(U.T @ A) @ taken[:, :-1]
-            scores.append(N[:, fleet.common] - N[:, mine] @ C)
+        explained.append(pinv(U.T @ A) @ taken[:, :-1])
+
+    def left(j: int, N: Matrix) -> Matrix:
+        return np.asarray(N[:, fleet.common] - N[:, fleet.own[j]] @ explained[j])
+
     noise = regression.noise
     shared = Regression(
         layout=fleet.shared.layout,
@@ -232,7 +233,7 @@ def robot_share(name: str, fleet: FleetModel, regression: Regression) -> RobotSh
         counts=regression.counts,
         sigma=sigma,
         fingerprint=fleet.shared.fingerprint,
-        noise=None if noise is None else replace(noise, scores=tuple(scores)),
+        noise=None if noise is None else noise.through(left),
         peaks=regression.peaks,
     )
     counts = np.array(regression.counts, dtype=np.float64)
@@ -342,6 +343,7 @@ def write_share(path: Path, share: RobotShare) -> None:
     arrays = {f"factor{j}": F for j, F in enumerate(regression.factors)}
     if noise is not None:
         arrays |= {f"scores{j}": N for j, N in enumerate(noise.scores)}
+        arrays |= {f"shapes{j}": N for j, N in enumerate(noise.shapes)}
         arrays["effective"] = noise.effective
         arrays["freedom"] = noise.freedom
         arrays["blocks"] = np.array(noise.beyond)
@@ -360,9 +362,20 @@ def read_share(path: Path, fleet: FleetModel) -> Regression:
     with np.load(path) as file:
         noise = None
         if "effective" in file:
-            scores = tuple(file[f"scores{j}"] for j in range(len(joints)))
+            scores, shapes = (
+                tuple(
+                    file[f"{part}{j}"]
+                    for j in range(len(joints))
+                    if f"{part}{j}" in file
+                )
+                for part in ("scores", "shapes")
+            )
             noise = CorrelatedNoise(
-                file["effective"], scores, file["freedom"], float(file["blocks"])
+                file["effective"],
+                scores,
+                file["freedom"],
+                float(file["blocks"]),
+                shapes,
             )
         return Regression(
             layout=fleet.shared.layout,

@@ -168,8 +168,7 @@ def _noise_without(
     """Return scores of rows less what the carrier's columns explain of them."""
     if noise is None:
         return None
-    scores = tuple(N - N[:, carrier] @ explained for N in noise.scores)
-    return replace(noise, scores=scores)
+    return noise.through(lambda _, N: np.asarray(N - N[:, carrier] @ explained))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,8 +193,7 @@ def load_problem(
     )
     noise = regression.noise
     if noise is not None:
-        scores = tuple(N[:, place.columns] for N in noise.scores)
-        noise = replace(noise, scores=scores)
+        noise = noise.through(lambda _, N: N[:, place.columns])
     own = replace(
         regression,
         layout=model.layout,

@@ -183,8 +183,7 @@ def _scaled(regression: Regression, reference: Vector) -> Regression:
     """Return a robot's regression in the noise of a reference."""
     scale, noise = reference / regression.sigma, regression.noise
     if noise is not None:
-        scores = zip(noise.scores, scale, strict=True)
-        noise = replace(noise, scores=tuple(N * c**2 for N, c in scores))
+        noise = noise.through(lambda j, N: N * scale[j] ** 2)
     factors = tuple(F * c for F, c in zip(regression.factors, scale, strict=True))
     return replace(
         regression,

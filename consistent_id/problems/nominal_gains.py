@@ -37,7 +37,7 @@ from consistent_id.recordings.signals import (
     split_at_gaps,
 )
 from consistent_id.recordings.signals.clocks import own_rate
-from consistent_id.regression.correlated_noise import correlation_lengths
+from consistent_id.regression.correlation_lengths import correlation_lengths
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import NORMAL
 from consistent_id.robot.model import RobotModel

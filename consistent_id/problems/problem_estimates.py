@@ -34,7 +34,6 @@ from consistent_id.problems.robot_preparation import regression_of
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression, build_regression
-from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import (
     UnconstrainedFit,
     noise_levels,
@@ -141,8 +140,8 @@ def slack_choices(
 
 
 def noted(estimate: Estimate, slacks: Mapping[Method, SlackChoice]) -> Estimate:
-    """Return an estimate with notes on its slack, and on what counts as known."""
-    more = *slack_notes(slacks, estimate.method), *stribeck_notes(estimate.model)
+    """Return an estimate with a note on how its slack was chosen, if it was."""
+    more = slack_notes(slacks, estimate.method)
     return replace(estimate, notes=(*estimate.notes, *more))
 
 
@@ -150,24 +149,6 @@ def slack_notes(slacks: Mapping[Method, SlackChoice], method: str) -> tuple[str,
     """Return notes on how an estimate's slack was chosen; none if it was stated."""
     said = (found.statement for name, found in slacks.items() if name == method)
     return tuple(filter(None, said))
-
-
-def stribeck_notes(model: TorqueModel) -> tuple[str, ...]:
-    """Return the note on speeds of Stribeck friction, which errors do not contain."""
-    robot = model.robot
-    speeds = {
-        joint: terms.stribeck_velocity
-        for joint, terms in zip(robot.joint_names, model.terms, strict=True)
-        if terms.stribeck_velocity is not None
-    }
-    if not speeds:
-        return ()
-    which = ", ".join(f"{joint} {speed:g}" for joint, speed in speeds.items())
-    return (
-        "speeds at which Stribeck friction fades count as known: errors of viscous, "
-        "Coulomb and Stribeck friction do not contain those of the speeds "
-        f"({which} rad/s or m/s)",
-    )
 
 
 def penalty_of(problem: Problem, path: RegularisationPath) -> Prior:

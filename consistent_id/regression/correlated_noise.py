@@ -15,26 +15,18 @@ changes within the first band.  So spectra are whitened before they are smoothed
 mean over these shapes, each of which counts by Whittle's likelihood [Whittle1953]_ in
 the first eight bands.  Steeper noise is a drift, which has findings of its own.
 
-A shorter measure is the number of samples that carry as much information as one
-independent sample.  The mean of ``n`` samples of noise whose autocorrelation is ``rho``
-scatters as that of ``n / (1 + 2 sum_k rho_k)`` independent ones; so do parameters whose
-columns of the regressor change slowly beside the noise.  The sum ends where the
-estimated ``rho`` first falls below zero: what comes later is chance [Sokal1997]_.
-Filtered torque, and friction that is not what the model says, have residuals that go on
-for many samples.
-
 Errors of the model move parameters farther than noise does: `model_errors` measures
 how much, and `CorrelatedNoise.beyond` is the ratio.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.singular import svd
 from consistent_id._support.tables import brief
@@ -73,9 +65,6 @@ _LOWEST = 8
 """Bands in which the exponent is found, from the lowest frequency on."""
 
 _TINY = np.finfo(np.float64).tiny
-_AUTOCOVARIANCE_WINDOW = 2**16
-"""Samples whose autocorrelation is found at a time; pairs across windows are left out,
-which are few beside noise of up to a thousand samples."""
 
 
 @brief
@@ -96,26 +85,41 @@ class CorrelatedNoise:
     beyond : float
         Variance of parameters with errors of the model over that by noise of these
         scores, at least one; see `model_errors`.
+    shapes : tuple of ndarray, each shape (shapes of the joint, parameters)
+        Like `scores`, for errors of shapes of friction; see `shape_errors`.
     """
 
     effective: Vector
     scores: tuple[Matrix, ...]
     freedom: Vector
     beyond: float = 1.0
+    shapes: tuple[Matrix, ...] = ()
+
+    def through(self, change: Callable[[int, Matrix], Matrix]) -> "CorrelatedNoise":
+        """Return the noise of other parameters: `change` is of a joint's scores."""
+        scores, shapes = (
+            tuple(change(j, N) for j, N in enumerate(of_joints))
+            for of_joints in (self.scores, self.shapes)
+        )
+        return replace(self, scores=scores, shapes=shapes)
 
     def share(self, part: float) -> "CorrelatedNoise":
         """Return the noise behind a part of the samples, the rest being like it."""
         root = np.sqrt(part)
-        scores = tuple(N * root for N in self.scores)
-        effective, freedom = self.effective * part, self.freedom * part
-        return replace(self, effective=effective, scores=scores, freedom=freedom)
+        return replace(
+            self,
+            effective=self.effective * part,
+            scores=tuple(N * root for N in self.scores),
+            freedom=self.freedom * part,
+            shapes=tuple(N * part for N in self.shapes),
+        )
 
 
 def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
     """Return the noise behind several recordings, or parts of them: it adds.
 
     The ratio `beyond` is the mean, but not less than one: single recordings may have
-    less by chance.
+    less by chance.  Errors of shapes are the same in all parts, and their scores add.
     """
     of_joints = zip(*(part.scores for part in parts), strict=True)
     samples = [float(part.effective.sum()) for part in parts]
@@ -125,7 +129,12 @@ def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
         tuple(_compressed(np.vstack(scores)) for scores in of_joints),
         np.sum([part.freedom for part in parts], axis=0),
         max(beyond, 1.0),
+        tuple(map(_added, *(part.shapes for part in parts))),
     )
+
+
+def _added(*of_parts: Matrix) -> Matrix:
+    return np.asarray(np.sum(of_parts, axis=0))
 
 
 @single_threaded
@@ -444,54 +453,3 @@ def white_noise(rows: Matrix, residual: Vector) -> JointNoise:
 def _compressed(rows: Matrix) -> Matrix:
     """Return the triangular factor of rows, destroying them."""
     return extended(np.zeros((0, rows.shape[1])), np.asfortranarray(rows))
-
-
-def correlation_length(residuals: Sequence[Vector], sigma: Vector) -> float:
-    """Return the number of samples with the information of one independent sample.
-
-    The mean over joints of `correlation_lengths`, by their share of the misfit, each
-    `residuals` being one joint's.
-    """
-    lengths = [float(correlation_lengths([r[:, None]])[0]) for r in residuals]
-    weights = [float(r @ r) / s**2 for r, s in zip(residuals, sigma, strict=True)]
-    return float(np.average(lengths, weights=weights)) if any(weights) else 1.0
-
-
-def correlation_lengths(residuals: Sequence[Array]) -> Vector:
-    """Return each joint's ``1 + 2 sum_k rho_k``, at least one.
-
-    Autocovariances of several recordings add.
-
-    Parameters
-    ----------
-    residuals : sequence of ndarray, each shape (samples, joints)
-        One for each recording, at equal steps.
-
-    Returns
-    -------
-    ndarray, shape (joints,)
-    """
-    lengths = np.ones(residuals[0].shape[1])
-    for j in range(len(lengths)):
-        sums = _autocovariance([r[:, j] for r in residuals])
-        if sums[0] == 0.0:
-            continue
-        rho = sums / sums[0]
-        stop = int(np.argmax(rho < 0.0)) if (rho < 0.0).any() else len(rho)
-        lengths[j] = max(1.0 + 2.0 * float(rho[1:stop].sum()), 1.0)
-    return lengths
-
-
-def _autocovariance(series: Sequence[Vector]) -> Vector:
-    """Return ``sum_t r_t r_(t+k)`` by lag, summed over recordings and windows."""
-    pieces = [
-        r[first : first + _AUTOCOVARIANCE_WINDOW]
-        for r in series
-        for first in range(0, len(r), _AUTOCOVARIANCE_WINDOW)
-    ]
-    sums = np.zeros(max(len(piece) for piece in pieces))
-    for piece in pieces:
-        size = 2 ** int(np.ceil(np.log2(2 * len(piece))))
-        power = abs(np.fft.rfft(piece, size)) ** 2
-        sums[: len(piece)] += np.fft.irfft(power, size)[: len(piece)]
-    return sums

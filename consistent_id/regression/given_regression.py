@@ -118,6 +118,7 @@ class _NoiseRecord(msgspec.Struct, forbid_unknown_fields=True):
     scores: list[_Rows]
     blocks: float = 1.0
     freedom: list[float] | None = None  # None in files of earlier releases
+    shapes: list[_Rows] = []  # empty in files of earlier releases
 
 
 class _RegressionRecord(msgspec.Struct, forbid_unknown_fields=True):
@@ -173,6 +174,7 @@ def save_regression(regression: Regression, path: str | Path) -> Path:
             [N.tolist() for N in noise.scores],
             noise.beyond,
             noise.freedom.tolist(),
+            [N.tolist() for N in noise.shapes],
         ),
     )
     # Formatted, the file has the blank by which those of this package are known.
@@ -250,8 +252,15 @@ def _noise(
             f"noise of {' and '.join(map(str, sorted(sizes)))} joints, expected "
             f"positive numbers of {n}"
         )
-    scores = tuple(_matrix(rows, width, "scores") for rows in noise.scores)
-    return CorrelatedNoise(effective, scores, freedom, noise.blocks)
+    if len(noise.shapes) not in (0, n):
+        raise ProblemError(
+            f"shapes of {len(noise.shapes)} joints, expected {n} or none"
+        )
+    scores, shapes = (
+        tuple(_matrix(rows, width, what) for rows in of_joints)
+        for what, of_joints in (("scores", noise.scores), ("shapes", noise.shapes))
+    )
+    return CorrelatedNoise(effective, scores, freedom, noise.blocks, shapes)
 
 
 def _matrix(rows: _Rows, width: int, what: str) -> Array:

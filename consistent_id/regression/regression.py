@@ -38,6 +38,7 @@ from consistent_id.regression.motion_arrays import Motion
 from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import NoisyRows, row_structure
+from consistent_id.regression.shape_errors import with_shape_errors
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2
@@ -326,6 +327,7 @@ def with_noise(
     """Return a regression with the noise that its recordings show: `recorded_noise`."""
     factors, counts = regression.factors, regression.counts
     noise = recorded_noise(model, factors, counts, motions, samples)
+    noise = with_shape_errors(model, factors, counts, motions, noise, samples)
     return replace(regression, noise=noise)
 
 

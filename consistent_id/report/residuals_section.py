@@ -6,7 +6,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.recordings.recording import Recording, velocities
-from consistent_id.regression.correlated_noise import correlation_length
+from consistent_id.regression.correlation_lengths import correlation_length
 from consistent_id.regression.torque_along import measured_torque
 from consistent_id.report.markup import Html, folded, grid, joined, paragraphs, tag
 from consistent_id.report.plot import Frame, band, dots, line, plot, spanning, stems

@@ -30,7 +30,7 @@ from consistent_id.regression import (
     shapes_of,
     with_shapes,
 )
-from consistent_id.regression.correlated_noise import correlation_length
+from consistent_id.regression.correlation_lengths import correlation_length
 from consistent_id.regression.friction_shapes import shape_regression
 from consistent_id.robot.scaling import reference_bodies
 

@@ -123,6 +123,31 @@ def test_own_parameters_are_the_bounded_least_squares():
     assert len(reached) == 8  # every set of bounds was met
 
 
+def test_errors_of_stribeck_velocities_stay_with_a_robots_share(tmp_path):
+    drive = ci.DriveTerms(
+        viscous=True, coulomb="sign", stribeck_velocity=0.5, offset=True
+    )
+    model = ci.TorqueModel(arm(2), drive)
+    fleet, rng = fleet_model(model), np.random.default_rng(2)
+    x = np.append(np.ravel(model.robot.nominal), rng.uniform(0.5, 1.0, 8))
+    q, dq, ddq = rng.normal(size=(3, 800, 2))
+    motion = ci.Recording(model.robot.joint_names, np.arange(800) / 100, q, dq, ddq)
+    log = ci.simulate_torque(model, x, motion, noise=0.2, rng=rng)
+    regression = ci.build_regression(model, log)
+    share = robot_share("a", fleet, regression)
+    for j, mine in enumerate(fleet.own):
+        A, N = regression.factors[j], regression.noise.shapes[j]
+        C = np.linalg.lstsq(A[:, mine], A[:, fleet.common], rcond=None)[0]
+        expected = N[:, fleet.common] - N[:, mine] @ C
+        found = share.shared.noise.shapes[j]
+        assert len(found) == 1 and found.any()
+        np.testing.assert_allclose(found, expected, atol=1e-9 * abs(N).max())
+    write_share(tmp_path / "a.npz", share)
+    again = read_share(tmp_path / "a.npz", fleet)
+    for one, other in zip(again.noise.shapes, share.shared.noise.shapes, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def _misfit(regressions, sigmas, parameters):
     """Sum of squares of all robots, rows divided by their noise."""
     return sum(

@@ -16,13 +16,16 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.regression import correlated_noise
+from consistent_id.regression import correlation_lengths as lengths_module
 from consistent_id.regression.correlated_noise import (
     CorrelatedNoise,
-    correlation_length,
-    correlation_lengths,
     joined_noise,
     spectral_errors,
     spectral_noise,
+)
+from consistent_id.regression.correlation_lengths import (
+    correlation_length,
+    correlation_lengths,
 )
 from consistent_id.regression.model_errors import (
     joint_fit,
@@ -352,7 +355,7 @@ def test_noise_that_a_fit_left_is_that_of_dense_matrices_over_time(n):
 
 
 def test_of_residuals_in_a_row_each_window_counts_on_its_own(monkeypatch):
-    monkeypatch.setattr(correlated_noise, "_AUTOCOVARIANCE_WINDOW", 8)
+    monkeypatch.setattr(lengths_module, "_AUTOCOVARIANCE_WINDOW", 8)
     rng = np.random.default_rng(9)
     logs = [1e-3 * ar1(rng, 0.8, n, 2) for n in (20, 13)]
     sums = np.zeros((8, 2))

@@ -19,10 +19,10 @@ from consistent_id.regression.residual_noise import joint_noise
 DRIVE = DriveTerms(viscous=True, coulomb="sign")
 
 
-def case(samples=(300, 200), joints=3):
+def case(samples=(300, 200), joints=3, drive=DRIVE):
     rng = np.random.default_rng(7)
     _, robot = random_robot(rng, joints)
-    model = TorqueModel(robot, DRIVE)
+    model = TorqueModel(robot, drive)
     logs = [
         Recording(
             robot.joint_names,
@@ -41,6 +41,7 @@ def same(a, b):
     for one, other in (
         *zip(a.factors, b.factors, strict=True),
         *zip(a.noise.scores, b.noise.scores, strict=True),
+        *zip(a.noise.shapes, b.noise.shapes, strict=True),
         (a.noise.effective, b.noise.effective),
         (a.sigma, b.sigma),
         (a.peaks, b.peaks),
@@ -52,6 +53,19 @@ def test_every_number_comes_back_to_the_last_bit(tmp_path):
     model, logs = case()
     regression = build_regression(model, logs).weighted([0.1, 1 / 3, 7.0])
     same(load_regression(save_regression(regression, tmp_path / "r.json")), regression)
+
+
+def test_errors_of_stribeck_velocities_come_back_as_well(tmp_path):
+    drive = DriveTerms(viscous=True, coulomb="sign", stribeck_velocity=0.2)
+    regression = build_regression(*case(drive=drive))
+    assert [len(N) for N in regression.noise.shapes] == [1, 1, 1]
+    file = save_regression(regression, tmp_path / "r.json")
+    same(load_regression(file), regression)
+    record = json.loads(file.read_text())
+    record["noise"]["shapes"].pop()
+    file.write_text(json.dumps(record))
+    with pytest.raises(ProblemError, match="shapes of 2 joints, expected 3 or none"):
+        load_regression(file)
 
 
 def test_a_file_of_this_package_can_be_written_again(tmp_path):

@@ -200,6 +200,8 @@ def parameter_scatter(
         noise = replace(noise, between=(), beyond=1.0)
     elif recordings is None and noise.beyond > 1.0:
         variance = np.maximum(variance, noise.beyond * variances(fitted, rows))
+    if noise.shapes:  # the same in all segments and recordings, so none shows it
+        variance = variance + variances(fitted, shape_scores(fitted, noise))
     known = fitted.best.scaled.constraints.A_eq
     errors = linear_errors(base, noise, known)
     freedoms = errors.freedoms
@@ -336,8 +338,24 @@ def noise_scores(fitted: ConstrainedFit, noise: ResidualNoise) -> Matrix:
     -------
     ndarray, shape (rows, parameters)
     """
+    return _in_parameters(fitted, noise, noise.of_joints)
+
+
+def shape_scores(fitted: ConstrainedFit, noise: ResidualNoise) -> Matrix:
+    """Return a factor of the scores' covariance for errors of shapes of friction.
+
+    Returns
+    -------
+    ndarray, shape (shapes, parameters)
+    """
+    return _in_parameters(fitted, noise, noise.shapes)
+
+
+def _in_parameters(
+    fitted: ConstrainedFit, noise: ResidualNoise, of_joints: Sequence[Matrix]
+) -> Matrix:
     scaled = fitted.best.scaled
-    rows = np.vstack(noise.of_joints) @ noise.coordinates
+    rows = np.vstack(of_joints) @ noise.coordinates
     return np.asarray(rows / scaled.size**2 @ scaled.projection)
 
 

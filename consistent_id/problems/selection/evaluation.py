@@ -84,6 +84,8 @@ class Setting:
         Scales of the joints' errors, by which they are divided before they are added.
     size : float
         Misfit that counts as one when the prior's weight is set.
+    fading : tuple of float, [rad/s or m/s]
+        Stribeck velocities; by default those of `stribeck_velocities`.
     """
 
     table: ProblemTable
@@ -98,6 +100,7 @@ class Setting:
     thin: int
     sigma: Vector
     size: float
+    fading: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,6 +154,12 @@ class Evaluator:
         """Return an evaluator of the same rows with other load or position laws."""
         setting = replace(self.setting, loaded=loaded, sloped=sloped)
         return Evaluator(setting, self._samples, self._masks)
+
+    def with_fading(self, velocities: tuple[float, ...]) -> "Evaluator":
+        """Return an evaluator of the same rows with other Stribeck velocities."""
+        setting = replace(self.setting, fading=velocities)
+        rows = Evaluator(setting, self._samples, self._masks)
+        return replace(rows, _candidates=self._candidates, _evaluated=self._evaluated)
 
     def expected(self, evaluated: Evaluated) -> float:
         """Return the torque error on left-out blocks over the torque, all joints."""
@@ -280,7 +289,9 @@ class Evaluator:
     def _superset(self, scale: float) -> Superset:
         if scale not in self._supersets:
             s = self.setting
-            self._supersets[scale] = superset(s.bodies, scale, s.loaded, s.sloped)
+            self._supersets[scale] = superset(
+                s.bodies, scale, s.loaded, s.sloped, s.fading
+            )
         return self._supersets[scale]
 
 

@@ -44,13 +44,10 @@ with few blocks, true terms with uneven gains would be rejected.
 """
 
 LEAST_ROW_GAIN = 0.10
-"""Minimum gain of a row mask.  It is higher, because the masked rows are no longer
-predicted."""
+"""Least gain of a row mask: higher, as masked rows are no longer predicted."""
 
 LEAST_COUPLING_GAIN = 0.10
-"""Minimum gain of a coupling.  It is a claim about the robot's mechanics, and adds
-three terms.
-"""
+"""Least gain of a coupling: a claim about the robot's mechanics, with three terms."""
 
 LEAST_DELAY_GAIN = 0.05
 """Minimum gain of a delay of the torque, which must exceed `SURE` standard errors as
@@ -186,6 +183,18 @@ def better_models(
             break
         one_by_one = replace(scope, everywhere=False)
         state = yield from _forward(evaluator, state, one_by_one)
+
+
+def joint_by_joint(
+    evaluator: Evaluator, start: Evaluated, state: State, scope: Scope
+) -> Iterator[State]:
+    """Yield states without needless terms, and with others, of single joints.
+
+    Shapes of friction, and which joints get a term of them, stay.
+    """
+    state = yield from without_needless_terms(evaluator, start, state, scope)
+    fixed = scope.fixed | {"velocity_scale", "stribeck_velocity"}
+    yield from _forward(evaluator, state, replace(scope, everywhere=False, fixed=fixed))
 
 
 _Search = Generator[State, None, State]

@@ -34,6 +34,8 @@ from consistent_id.problems.selection.choice import (
     data_of,
     velocity_scale,
 )
+from consistent_id.problems.selection.evaluation import Evaluator
+from consistent_id.problems.selection.fading import closer_models
 from consistent_id.problems.selection.forward_search import (
     Scope,
     State,
@@ -299,7 +301,7 @@ def select_model(
     else:
         begun = beginning(problem, raws, fixed, band)
     band = begun.evaluator.setting.band
-    state, interrupted = _searched(begun, progress)
+    evaluator, state, interrupted = _searched(begun, progress)
     rate = min(own_rate(raw) for raw in raws)
     choice = _thinned(state.current.choice, data.preparation, rate)
     return ModelSelection(
@@ -309,8 +311,8 @@ def select_model(
         steps=state.steps,
         band=band,
         plain=begun.evaluator.expected(begun.plain),
-        expected=begun.evaluator.expected(state.current),
-        fits=begun.evaluator.fits,
+        expected=evaluator.expected(state.current),
+        fits=evaluator.fits,
         seconds=process_time() - started,
         notes=_notes(choice, begun.scope, band, rate, interrupted),
     )
@@ -336,19 +338,27 @@ def _begun(
     return begun
 
 
-def _searched(begun: Beginning, progress: bool) -> tuple[State, bool]:
-    """Return the last state of the search, and whether it was interrupted."""
-    state = State(begun.plain)
+def _searched(begun: Beginning, progress: bool) -> tuple[Evaluator, State, bool]:
+    """Return the last state, its evaluator, and whether the search was interrupted."""
+    evaluator, state = begun.evaluator, State(begun.plain)
     try:
         with stages(_STAGES, progress) as begin:
-            for state in better_models(begun.evaluator, begun.plain, begun.scope):
+            for evaluator, state in _models(begun):
                 made = state.steps[-1].move.label if state.steps else "plain model"
-                left_out = begun.evaluator.expected(state.current)
+                left_out = evaluator.expected(state.current)
                 begin(f"model: {made}, left-out error {percent(left_out)}")
     except KeyboardInterrupt as cause:
         note_stop(cause)
-        return state, True
-    return state, False
+        return evaluator, state, True
+    return evaluator, state, False
+
+
+def _models(begun: Beginning) -> Iterator[tuple[Evaluator, State]]:
+    """Yield better and better models, each with an evaluator that knows its terms."""
+    evaluator, state = begun.evaluator, State(begun.plain)
+    for state in better_models(evaluator, begun.plain, begun.scope):
+        yield evaluator, state
+    yield from closer_models(evaluator, begun.plain, state, begun.scope)
 
 
 def _thinned(choice: Choice, preparation: PreparationTable, rate: float) -> Choice:

@@ -34,7 +34,11 @@ class Superset:
 
 
 def superset(
-    bodies: TorqueModel, scale: float, loaded: tuple[str, ...], sloped: tuple[str, ...]
+    bodies: TorqueModel,
+    scale: float,
+    loaded: tuple[str, ...],
+    sloped: tuple[str, ...],
+    fading: tuple[float, ...] = (),
 ) -> Superset:
     """Return all terms that joints with torque may have.
 
@@ -46,19 +50,24 @@ def superset(
         Width of friction's change of sign.
     loaded, sloped : tuple of str
         See `loaded_joints` and `sloped_joints`.
+    fading : tuple of float, [rad/s or m/s]
+        Stribeck velocities; by default those of `stribeck_velocities`.
     """
+    fading = fading or stribeck_velocities(scale)
     terms: list[tuple[DriveTerm, ...]] = []
     for name in bodies.robot.joint_names:
         measured = name in bodies.torque_joints
         own = (name in loaded, name in sloped)
-        tables = _drive_tables(scale, *own) if measured else ()
+        tables = _drive_tables(scale, *own, fading) if measured else ()
         every = (term for table in tables for term in table.terms.terms)
         terms.append(tuple(dict.fromkeys(every)))
     pairs = couplings_between(bodies, scale)
     return Superset(tuple(terms), tuple(coupling_of(pair) for pair in pairs))
 
 
-def _drive_tables(scale: float, loaded: bool, sloped: bool) -> tuple[DriveTable, ...]:
+def _drive_tables(
+    scale: float, loaded: bool, sloped: bool, fading: tuple[float, ...]
+) -> tuple[DriveTable, ...]:
     """Return drive tables that together have every term that a joint may have."""
     whole = DriveTable(
         viscous=True,
@@ -75,7 +84,7 @@ def _drive_tables(scale: float, loaded: bool, sloped: bool) -> tuple[DriveTable,
     return (
         whole,
         change(whole, asymmetric=True, offset=False, friction_slope=False),
-        *(change(whole, stribeck_velocity=v) for v in stribeck_velocities(scale)),
+        *(change(whole, stribeck_velocity=v) for v in fading),
     )
 
 

@@ -26,6 +26,7 @@ SIZES = {
     "rotor_inertia": 0.8,
     "spring": 6.0,
     "load_friction": 0.15,
+    "stribeck": 2.0,
 }
 
 
