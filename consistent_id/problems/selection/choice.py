@@ -312,8 +312,14 @@ def velocity_scale(choice: Choice) -> float:
     return float(next(scales, DEFAULT_DRIVE.velocity_scale))
 
 
-def scale_moves(choice: Choice, scales: Sequence[float]) -> Iterator[ModelMove]:
-    """Yield other widths of friction's change of sign."""
+def scale_moves(
+    choice: Choice, scales: Sequence[float], fading: Sequence[float] = ()
+) -> Iterator[ModelMove]:
+    """Yield other widths of friction's change of sign.
+
+    Stribeck velocities become the nearest that are tried with a width, if they are not
+    among those of `fading`.
+    """
     for scale in scales:
         if scale == velocity_scale(choice):
             continue
@@ -322,9 +328,9 @@ def scale_moves(choice: Choice, scales: Sequence[float]) -> Iterator[ModelMove]:
             if table.velocity_scale is None:
                 return table
             values: dict[str, object] = {"velocity_scale": scale}
-            if table.stribeck_velocity is not None:
-                near = nearest_stribeck(table.stribeck_velocity, scale)
-                values["stribeck_velocity"] = near
+            velocity = table.stribeck_velocity
+            if velocity is not None and velocity not in fading:
+                values["stribeck_velocity"] = nearest_stribeck(velocity, scale)
             return setter(**values)(table)
 
         after = with_drive(choice, range(len(choice.drive)), change)

@@ -190,10 +190,10 @@ def joint_by_joint(
 ) -> Iterator[State]:
     """Yield states without needless terms, and with others, of single joints.
 
-    Shapes of friction, and which joints get a term of them, stay.
+    Stribeck velocities stay, and no other joint gets one.
     """
     state = yield from without_needless_terms(evaluator, start, state, scope)
-    fixed = scope.fixed | {"velocity_scale", "stribeck_velocity"}
+    fixed = scope.fixed | {"stribeck_velocity"}
     yield from _forward(evaluator, state, replace(scope, everywhere=False, fixed=fixed))
 
 
@@ -445,7 +445,7 @@ def _other_moves(
     choice, setting = current.choice, evaluator.setting
     shapes = list[ModelMove]()
     if "velocity_scale" not in scope.fixed:
-        shapes += scale_moves(choice, scope.scales)
+        shapes += scale_moves(choice, scope.scales, setting.fading)
     if "stribeck_velocity" not in scope.fixed:
         shapes += stribeck_moves(choice)
     speeds = evaluator.samples(choice.motion_cutoff).top_speeds

@@ -15,6 +15,8 @@ from consistent_id.problems.selection.choice import (
     ModelMove,
     delay_moves,
     scale_moves,
+    setter,
+    with_drive,
 )
 from consistent_id.problems.selection.evaluation import (
     Evaluator,
@@ -226,6 +228,15 @@ def test_another_value_needs_half_of_the_blocks_and_another_term_more(begun):
     assert not _enough(rotor, brought)
     assert not _enough(width, replace(brought, won=6 / 14))
     assert not _enough(width, replace(brought, share=0.02))
+
+
+def test_another_width_keeps_stribeck_velocities_that_were_found(begun):
+    change = setter(stribeck_velocity=0.137)
+    choice = with_drive(begun.plain.choice, [0, 1], change)
+    for fading, expected in (((), 0.12), ((0.137,), 0.137)):
+        moves = scale_moves(choice, (0.05,), fading)
+        (after,) = {d.stribeck_velocity for m in moves for d in m.after.drive}
+        assert after == expected
 
 
 def test_the_error_of_a_gain_is_that_of_a_mean_over_blocks():
