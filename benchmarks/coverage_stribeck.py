@@ -1,9 +1,9 @@
 """How often intervals of friction hold the truth if Stribeck velocities are wrong.
 
-``python benchmarks/coverage_stribeck.py [--replicates 40] [--write docs/uncertainty.md]``
+``python benchmarks/coverage_stribeck.py [--replicates 40] [--write PAGE]``
 
-Arms of `coverage`.  The model states one velocity for all joints; each joint's own is up
-to 1.41 times as large or small, as between velocities that a selection tries.
+Arms of `coverage`.  The model states one velocity for all joints; each joint's own is
+up to 1.41 times as large or small, as between velocities that a selection tries.
 """
 
 import argparse
