@@ -195,6 +195,13 @@ def test_intervals_hold_a_ur10_s_friction_where_its_torque_is_filtered():
     assert filtered.held(z)[0] > 0.87
 
 
+@pytest.mark.slow
+def test_intervals_hold_friction_beside_wrong_stribeck_velocities():
+    shares = _benchmark("coverage_stribeck").held(2, "white", replicates=8)
+    with_errors, without = shares.mean(axis=0)
+    assert with_errors > 0.85 and without < 0.8
+
+
 def test_coverage_sees_intervals_that_have_nothing_in_common():
     robots = _benchmark("coverage_robots")
     a = np.array([[0.0, 1.0], [0.0, 1.0], [2.0, 2.0], [0.0, np.inf]])
