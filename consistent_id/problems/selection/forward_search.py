@@ -16,6 +16,7 @@ from consistent_id.problems.selection.choice import (
     removals,
     row_moves,
     scale_moves,
+    setter,
     size_of,
     stribeck_moves,
     stribeck_passed,
@@ -30,53 +31,16 @@ from consistent_id.problems.selection.evaluation import (
     fitting_delay,
 )
 from consistent_id.problems.selection.fits import Gain, HeldOut, gain, joint_gains
+from consistent_id.problems.selection.gates import (
+    LEAST_COST,
+    LEAST_GAIN,
+    LEAST_HELP,
+    LEAST_ROW_GAIN,
+    believable,
+    better,
+    enough,
+)
 from consistent_id.problems.selection.superset import couplings_between
-
-LEAST_HELP = 0.025
-"""Least relative decrease of a joint's own squared error by a term that helps it."""
-
-LEAST_GAIN = 0.025
-"""Least relative decrease of the squared error by a move."""
-
-SMALL_GAIN = 0.05
-"""A gain below this must exceed its standard error as well.  Larger gains need not:
-with few blocks, true terms with uneven gains would be rejected.
-"""
-
-LEAST_ROW_GAIN = 0.10
-"""Least gain of a row mask: higher, as masked rows are no longer predicted."""
-
-LEAST_COUPLING_GAIN = 0.10
-"""Least gain of a coupling: a claim about the robot's mechanics, with three terms."""
-
-LEAST_DELAY_GAIN = 0.05
-"""Minimum gain of a delay of the torque, which must exceed `SURE` standard errors as
-well.  A delay is a claim about the log, and in slow motion it looks like friction.
-"""
-
-LEAST_WON = 0.6
-"""Least share of the blocks on which a move lowers the error."""
-
-LEAST_WON_BY_VALUES = 0.5
-"""Minimum gain of another value of an existing setting, such as a cut-off.  It is
-lower, because the model does not grow, and the present value is not more likely
-beforehand.
-"""
-
-CONTRADICTION = 3.0
-"""Standard errors by which data must contradict the masses that a model states.  Stated
-masses are knowledge, unlike a friction law, and free masses can replace springs and
-zeros.
-"""
-
-LEAST_COST = 0.0125
-"""Least gain with which a term stays in the model beside later terms."""
-
-_LEAST = {
-    "least_speed": LEAST_ROW_GAIN,
-    "coupling": LEAST_COUPLING_GAIN,
-    "delay": LEAST_DELAY_GAIN,
-}
 
 _TRIED = 4  # moves, of those that screening ranks first, that are fitted in full
 _HOPELESS = 0.3  # of the needed gain: moves with a smaller predicted gain are not tried
@@ -86,17 +50,7 @@ _REPLACED = 0.5  # of its gain that a rival keeps beside the move, if not equiva
 _ROUNDS = 20
 _PRUNINGS = 3  # rounds of taking terms out, joint by joint, and of searching on
 
-SURE = 2.0
-"""Standard errors by which a term must help a joint, if its gain is small."""
-
-PLAIN = 0.25
-"""Gain in a joint's own squared error from which a term is kept for the joint, even if
-the gain is uneven over the blocks.
-"""
-
 _Tried = tuple[ModelMove, Gain, Evaluated]
-
-_VALUES = ("velocity_scale", "stribeck_value", "motion_cutoff", "delay")
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +125,8 @@ def better_models(
     """Yield better and better choices, from the start on.
 
     Terms are given to all joints or to some, then removed from joints that do not need
-    them.  After that, terms that those had hidden may be given to single joints.
+    them.  After that, springs are tried with other bodies, and terms that others had
+    hidden may be given to single joints.
     """
     yield State(start)
     state = yield from _forward(evaluator, State(start), scope)
@@ -179,6 +134,7 @@ def better_models(
     for _ in range(_PRUNINGS):
         before = state.current.choice
         state = yield from without_needless_terms(evaluator, start, state, scope)
+        state = yield from _with_springs(evaluator, state, scope)
         if state.current.choice == before:
             break
         one_by_one = replace(scope, everywhere=False)
@@ -193,6 +149,7 @@ def joint_by_joint(
     Stribeck velocities stay, and no other joint gets one.
     """
     state = yield from without_needless_terms(evaluator, start, state, scope)
+    state = yield from _with_springs(evaluator, state, scope)
     fixed = scope.fixed | {"stribeck_velocity"}
     yield from _forward(evaluator, state, replace(scope, everywhere=False, fixed=fixed))
 
@@ -223,18 +180,18 @@ def _best_move(
     # Rows first: gains of other moves are compared on the remaining rows.
     tried = _tried(evaluator, current, [m for m in moves if m.kind == "least_speed"])
     later: list[ModelMove] = []
-    if any(_enough(t[0], t[1]) for t in tried):
+    if any(enough(t[0], t[1]) for t in tried):
         later = [m for m in moves if m.kind != "least_speed"]
     else:
         tried = _tried(evaluator, current, moves)
-    if any(t[0].kind == "masses" and _enough(t[0], t[1]) for t in tried):
+    if any(t[0].kind == "masses" and enough(t[0], t[1]) for t in tried):
         bounded = mass_move(current.choice, "bounds")
         tried = _without_tight_bounds(tried, _tried(evaluator, current, [bounded]))
-    enough = [t for t in tried if _enough(t[0], t[1])]
-    if not enough:
+    large = [t for t in tried if enough(t[0], t[1])]
+    if not large:
         return None
-    best = max(brought.share for _, brought, _ in enough)
-    alike = [t for t in enough if t[1].share >= _ALIKE * best]
+    best = max(brought.share for _, brought, _ in large)
+    alike = [t for t in large if t[1].share >= _ALIKE * best]
     move, brought, after = min(alike, key=lambda t: size_of(t[0]))
     rivals = {m.label: g for m, g, _ in tried if m != move}
     return Step(move, brought, after.error, rivals, later=tuple(later)), after
@@ -282,17 +239,6 @@ def _worth_trying(offered: Sequence[Proposal]) -> list[ModelMove]:
     return hopeful + masks + [p.move for p in offered if p.hoped is None]
 
 
-def _enough(move: ModelMove, brought: Gain) -> bool:
-    least = _LEAST.get(move.kind, LEAST_GAIN)
-    least = max(least, min(brought.error, SMALL_GAIN))
-    if move.kind == "masses":
-        least = max(least, CONTRADICTION * brought.error)
-    if move.kind == "delay":
-        least = max(least, SURE * brought.error)
-    won = LEAST_WON_BY_VALUES if move.kind in _VALUES else LEAST_WON
-    return brought.share >= least and brought.won >= won
-
-
 def _with_stand_ins(
     evaluator: Evaluator, steps: tuple[Step, ...], offered: Sequence[Proposal]
 ) -> tuple[Step, ...]:
@@ -330,14 +276,38 @@ def _pruned(evaluator: Evaluator, state: State) -> _Search:
     return state
 
 
-def believable(brought: Gain) -> bool:
-    """Return whether a term helps a joint, from its own errors on blocks left out.
+def _with_springs(evaluator: Evaluator, state: State, scope: Scope) -> _Search:
+    """Yield the state with springs of joints that these help.
 
-    The gain must be `LEAST_HELP` of the joint's squared error, on most blocks, and
-    `SURE` standard errors or `PLAIN`.
+    Bodies that were fitted without a spring have most of its torque in their first
+    moments.  So screening, which keeps them, hardly sees it, and models are fitted:
+    with springs of all joints, of those that are better, and of those that surely are.
     """
-    sure = brought.share >= min(SURE * brought.error, PLAIN)
-    return sure and brought.share >= LEAST_HELP and brought.won >= LEAST_WON
+    choice, bodies = state.current.choice, evaluator.setting.bodies
+    names = bodies.robot.joint_names
+    rows = {names.index(name): row for row, name in enumerate(bodies.torque_joints)}
+    joints = [j for j in rows if not choice.drive[j].spring]
+    if "spring" in scope.fixed:
+        return state
+    for helps in (better, believable):
+        after = with_drive(choice, joints, setter(spring=True))
+        try:
+            errors = evaluator.evaluated(after).errors
+        except ConsistentIdError:
+            return state
+        gains = joint_gains(state.current.errors, errors)
+        joints = [j for j in joints if helps(gains[rows[j]])]
+    if not joints:
+        return state
+    label = f"spring of {', '.join(names[j] for j in joints)}"
+    after = with_drive(choice, joints, setter(spring=True))
+    move = ModelMove("spring", label, choice, after)
+    for _, brought, found in _tried(evaluator, state.current, [move]):
+        if enough(move, brought):
+            made = Step(move, brought, found.error, {})
+            state = State(found, (*state.steps, made))
+            yield state
+    return state
 
 
 def without_needless_terms(
@@ -383,7 +353,7 @@ def _without_delay(evaluator: Evaluator, start: Evaluated, state: State) -> _Sea
     if choice != state.current.choice:
         after = evaluator.evaluated(choice)
         made = ModelMove("delay", "torque late", choice, state.current.choice)
-        if not _enough(made, gain(after.errors, state.current.errors)):
+        if not enough(made, gain(after.errors, state.current.errors)):
             cost = gain(state.current.errors, after.errors)
             move = ModelMove("delay", "torque not late", state.current.choice, choice)
             taken = Step(move, cost, after.error, {})

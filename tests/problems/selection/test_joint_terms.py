@@ -29,13 +29,15 @@ from consistent_id.problems.selection.choice import (
 from consistent_id.problems.selection.evaluation import _drive
 from consistent_id.problems.selection.fits import Gain, HeldOut, gain, joint_gains
 from consistent_id.problems.selection.forward_search import (
-    LEAST_HELP,
-    PLAIN,
     State,
-    _enough,
-    believable,
     proposals,
     without_needless_terms,
+)
+from consistent_id.problems.selection.gates import (
+    LEAST_HELP,
+    PLAIN,
+    believable,
+    enough,
 )
 from consistent_id.robot import load_urdf
 
@@ -64,7 +66,7 @@ def test_a_delay_has_to_bring_twice_its_error_and_five_per_cent(
 ):
     choice = begun.plain.choice
     late = ModelMove("delay", "late", choice, replace(choice, delay=0.01))
-    assert _enough(late, Gain(share, error, 1.0)) is said
+    assert enough(late, Gain(share, error, 1.0)) is said
 
 
 def test_a_delay_that_later_terms_make_needless_is_taken_back(begun):

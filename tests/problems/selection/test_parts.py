@@ -29,7 +29,7 @@ from consistent_id.problems.selection.fits import (
     JointFactors,
     gain,
 )
-from consistent_id.problems.selection.forward_search import _enough
+from consistent_id.problems.selection.gates import enough
 from consistent_id.problems.selection.samples import (
     EDGES,
     NUMBERS,
@@ -224,10 +224,10 @@ def test_another_value_needs_half_of_the_blocks_and_another_term_more(begun):
     brought = Gain(share=0.2, error=0.15, won=8 / 14)
     width = next(scale_moves(choice, (0.5,)))
     rotor = ModelMove("rotor_inertia", "rotor_inertia", choice, choice)
-    assert _enough(width, brought)
-    assert not _enough(rotor, brought)
-    assert not _enough(width, replace(brought, won=6 / 14))
-    assert not _enough(width, replace(brought, share=0.02))
+    assert enough(width, brought)
+    assert not enough(rotor, brought)
+    assert not enough(width, replace(brought, won=6 / 14))
+    assert not enough(width, replace(brought, share=0.02))
 
 
 def test_another_width_keeps_stribeck_velocities_that_were_found(begun):
