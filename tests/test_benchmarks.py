@@ -196,6 +196,18 @@ def test_intervals_hold_a_ur10_s_friction_where_its_torque_is_filtered():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [2009, 2030])
+def test_terms_that_wrong_velocities_or_fixed_bodies_hide_are_found(seed, monkeypatch):
+    """Robots that had three false Stribeck terms, or twice the error for a spring."""
+    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "benchmarks")
+    found = _benchmark("selection_terms").found(seed, plain=False)
+    assert found.false == ()
+    assert not {"drag", "spring", "stribeck_velocity"} & {t for _, t in found.missed}
+    assert found.velocities == pytest.approx((1.0,) * len(found.velocities), abs=0.1)
+    assert found.error < 1.1 * found.oracle
+
+
+@pytest.mark.slow
 def test_intervals_hold_friction_beside_wrong_stribeck_velocities():
     shares = _benchmark("coverage_stribeck").held(2, "white", replicates=8)
     with_errors, without = shares.mean(axis=0)
