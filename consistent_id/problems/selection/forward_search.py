@@ -39,6 +39,7 @@ from consistent_id.problems.selection.gates import (
     believable,
     better,
     enough,
+    plain,
 )
 from consistent_id.problems.selection.superset import couplings_between
 
@@ -187,7 +188,7 @@ def _best_move(
     if any(t[0].kind == "masses" and enough(t[0], t[1]) for t in tried):
         bounded = mass_move(current.choice, "bounds")
         tried = _without_tight_bounds(tried, _tried(evaluator, current, [bounded]))
-    large = [t for t in tried if enough(t[0], t[1])]
+    large = [t for t in tried if enough(t[0], t[1]) or _plain(evaluator, current, t)]
     if not large:
         return None
     best = max(brought.share for _, brought, _ in large)
@@ -195,6 +196,25 @@ def _best_move(
     move, brought, after = min(alike, key=lambda t: size_of(t[0]))
     rivals = {m.label: g for m, g, _ in tried if m != move}
     return Step(move, brought, after.error, rivals, later=tuple(later)), after
+
+
+def _plain(evaluator: Evaluator, current: Evaluated, tried: _Tried) -> bool:
+    """Return whether a term plainly helps each joint that gets it."""
+    move, _, after = tried
+    if move.kind not in REMOVABLE:
+        return False
+    bodies = evaluator.setting.bodies
+    names = bodies.robot.joint_names
+    rows = {names.index(name): row for row, name in enumerate(bodies.torque_joints)}
+    gains = joint_gains(current.errors, after.errors)
+    changed = [
+        j
+        for j, (a, b) in enumerate(
+            zip(move.before.drive, move.after.drive, strict=True)
+        )
+        if a != b
+    ]
+    return all(plain(gains[rows[j]]) for j in changed)
 
 
 def _without_tight_bounds(tried: list[_Tried], bounded: list[_Tried]) -> list[_Tried]:

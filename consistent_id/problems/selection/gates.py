@@ -82,3 +82,8 @@ def believable(brought: Gain) -> bool:
     The gain must be `better`, and `SURE` standard errors or `PLAIN`.
     """
     return better(brought) and brought.share >= min(SURE * brought.error, PLAIN)
+
+
+def plain(brought: Gain) -> bool:
+    """Return whether a term takes off a large part of a joint's own error, surely."""
+    return believable(brought) and brought.share >= max(PLAIN, SURE * brought.error)
