@@ -204,17 +204,12 @@ def _plain(evaluator: Evaluator, current: Evaluated, tried: _Tried) -> bool:
     if move.kind not in REMOVABLE:
         return False
     bodies = evaluator.setting.bodies
-    names = bodies.robot.joint_names
-    rows = {names.index(name): row for row, name in enumerate(bodies.torque_joints)}
+    rows = {name: row for row, name in enumerate(bodies.torque_joints)}
     gains = joint_gains(current.errors, after.errors)
-    changed = [
-        j
-        for j, (a, b) in enumerate(
-            zip(move.before.drive, move.after.drive, strict=True)
-        )
-        if a != b
-    ]
-    return all(plain(gains[rows[j]]) for j in changed)
+    drives = zip(
+        bodies.robot.joint_names, move.before.drive, move.after.drive, strict=True
+    )
+    return all(plain(gains[rows[name]]) for name, old, new in drives if old != new)
 
 
 def _without_tight_bounds(tried: list[_Tried], bounded: list[_Tried]) -> list[_Tried]:
