@@ -83,6 +83,9 @@ class Choice:
         Delay of the torque.
     decimate : int
         Step between samples that are kept.
+    ratios : tuple of float
+        Of each joint's speed over that of turning joints, by which widths of friction's
+        change of sign and Stribeck velocities are multiplied; empty for ones.
     """
 
     drive: tuple[DriveTable, ...]
@@ -93,6 +96,16 @@ class Choice:
     least_speed: float | None = None
     delay: float = 0.0
     decimate: int = 1
+    ratios: tuple[float, ...] = ()
+
+    def speed(self, joint: int, value: float) -> float:
+        """Return a joint's speed for one of turning joints."""
+        return scaled(value, self.ratios[joint]) if self.ratios else value
+
+
+def scaled(value: float, ratio: float) -> float:
+    """Return a rounded multiple, which the inverse ratio takes back."""
+    return value if ratio == 1.0 else float(f"{value * ratio:.3g}")
 
 
 def data_of(table: ProblemTable) -> DataTable:
@@ -299,17 +312,32 @@ def term_moves(
         yield TermMove("asymmetric", "asymmetric", symmetric, change)
     plain = tuple(j for j in measured if choice.drive[j].stribeck_velocity is None)
     for velocity in stribeck_velocities(velocity_scale(choice)):
-        passing = tuple(j for j in plain if speeds[j] >= STRIBECK_PASSED * velocity)
-        if passing:
-            label = f"stribeck_velocity = {velocity:g}"
-            change = setter(stribeck_velocity=velocity)
-            yield TermMove("stribeck_velocity", label, passing, change)
+        own = {j: choice.speed(j, velocity) for j in plain}
+        for each in dict.fromkeys(own.values()):
+            least = STRIBECK_PASSED * each
+            passing = tuple(j for j in plain if own[j] == each and speeds[j] >= least)
+            if passing:
+                label = f"stribeck_velocity = {each:g}"
+                change = setter(stribeck_velocity=each)
+                yield TermMove("stribeck_velocity", label, passing, change)
 
 
 def velocity_scale(choice: Choice) -> float:
-    """Return the width of friction's change of sign, [rad/s or m/s]."""
-    scales = (d.velocity_scale for d in choice.drive if d.velocity_scale is not None)
-    return float(next(scales, DEFAULT_DRIVE.velocity_scale))
+    """Return the width of friction's change of sign, of turning joints, [rad/s or m/s].
+
+    Sliding joints beside turning ones have another: see `Choice.speed`.
+    """
+    for j, drive in enumerate(choice.drive):
+        if drive.velocity_scale is not None:
+            ratio = choice.ratios[j] if choice.ratios else 1.0
+            return scaled(float(drive.velocity_scale), 1.0 / ratio)
+    return float(DEFAULT_DRIVE.velocity_scale)
+
+
+def joint_widths(choice: Choice) -> tuple[float, ...]:
+    """Return the width of friction's change of sign of each joint, [rad/s or m/s]."""
+    width = velocity_scale(choice)
+    return tuple(choice.speed(j, width) for j in range(len(choice.drive)))
 
 
 def scale_moves(
@@ -320,36 +348,43 @@ def scale_moves(
     Stribeck velocities become the nearest that are tried with a width, if they are not
     among those of `fading`.
     """
+    now = velocity_scale(choice)
     for scale in scales:
-        if scale == velocity_scale(choice):
+        if scale == now:
             continue
-
-        def change(table: DriveTable, scale: float = scale) -> DriveTable:
-            if table.velocity_scale is None:
-                return table
-            values: dict[str, object] = {"velocity_scale": scale}
-            velocity = table.stribeck_velocity
-            if velocity is not None and velocity not in fading:
-                values["stribeck_velocity"] = nearest_stribeck(velocity, scale)
-            return setter(**values)(table)
-
-        after = with_drive(choice, range(len(choice.drive)), change)
+        drive = tuple(
+            _with_width(table, choice.speed(j, scale), fading)
+            for j, table in enumerate(choice.drive)
+        )
         couplings = tuple(
-            msgspec.structs.replace(c, velocity_scale=scale) for c in choice.couplings
+            msgspec.structs.replace(c, velocity_scale=scaled(width, scale / now))
+            for c in choice.couplings
+            for width in (c.velocity_scale or now,)
         )
-        yield ModelMove(
-            "velocity_scale",
-            f"velocity_scale = {scale:g}",
-            choice,
-            replace(after, couplings=couplings),
-        )
+        label = f"velocity_scale = {scale:g}"
+        after = replace(choice, drive=drive, couplings=couplings)
+        yield ModelMove("velocity_scale", label, choice, after)
+
+
+def _with_width(table: DriveTable, width: float, fading: Sequence[float]) -> DriveTable:
+    """Return a joint's drive with another width of friction, if it has one."""
+    if table.velocity_scale is None:
+        return table
+    values: dict[str, object] = {"velocity_scale": width}
+    velocity = table.stribeck_velocity
+    if velocity is not None and velocity not in fading:
+        values["stribeck_velocity"] = nearest_stribeck(velocity, width)
+    return setter(**values)(table)
 
 
 def stribeck_moves(choice: Choice) -> Iterator[ModelMove]:
     """Yield other Stribeck velocities, if a joint has that term."""
     places = [j for j, d in enumerate(choice.drive) if d.stribeck_velocity is not None]
     for velocity in stribeck_velocities(velocity_scale(choice)):
-        after = with_drive(choice, places, setter(stribeck_velocity=velocity))
+        after = choice
+        for j in places:
+            own = setter(stribeck_velocity=choice.speed(j, velocity))
+            after = with_drive(after, [j], own)
         if after != choice:
             label = f"stribeck_velocity = {velocity:g} where there is one"
             yield ModelMove("stribeck_value", label, choice, after)
@@ -422,7 +457,7 @@ def coupling_moves(
         if pair.first in used:
             continue
         joints = [names.index(name) for name in (pair.first, pair.second)]
-        scale = velocity_scale(choice)
+        scale = choice.speed(joints[0], velocity_scale(choice))
         after = with_drive(choice, joints, setter(rotor_inertia=True))
         pair = msgspec.structs.replace(pair, velocity_scale=scale)
         after = replace(after, couplings=(*choice.couplings, pair))

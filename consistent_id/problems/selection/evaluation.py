@@ -23,7 +23,7 @@ from consistent_id.problems.file import (
 )
 from consistent_id.problems.selection.choice import (
     Choice,
-    velocity_scale,
+    joint_widths,
 )
 from consistent_id.problems.selection.fits import (
     RATES,
@@ -53,6 +53,8 @@ from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
+
+Widths = tuple[float, ...]  # of friction's change of sign, by joint
 
 _DELAYS = 4  # first-order steps of a delay, at the most
 _RANK = 1e-8  # of the largest singular value, of columns of unit length
@@ -130,7 +132,7 @@ class Evaluator:
     _samples: dict[float | None, Samples] = field(default_factory=dict)
     _masks: dict[tuple[float | None, float], Samples] = field(default_factory=dict)
     _factors: dict[tuple[object, ...], Factors] = field(default_factory=dict)
-    _supersets: dict[float, Superset] = field(default_factory=dict)
+    _supersets: dict[Widths, Superset] = field(default_factory=dict)
     _columns: dict[tuple[object, ...], tuple[JointColumns, ...]] = field(
         default_factory=dict
     )
@@ -249,27 +251,27 @@ class Evaluator:
         return self._samples[cutoff]
 
     def _factors_of(self, choice: Choice, least_speed: float | None) -> Factors:
-        scale = velocity_scale(choice)
-        key = (choice.motion_cutoff, choice.delay, scale, least_speed)
+        widths = joint_widths(choice)
+        key = (choice.motion_cutoff, choice.delay, widths, least_speed)
         if key not in self._factors:
             samples = self._masked(choice.motion_cutoff, least_speed)
-            columns = self._columns_of(choice.motion_cutoff, scale, least_speed)
+            columns = self._columns_of(choice.motion_cutoff, widths, least_speed)
             self._factors[key] = factors_of(columns, samples.delayed(choice.delay))
         return self._factors[key]
 
     def _columns_of(
-        self, cutoff: float | None, scale: float, least_speed: float | None
+        self, cutoff: float | None, widths: Widths, least_speed: float | None
     ) -> tuple[JointColumns, ...]:
         """Return columns, the last ones of which are kept: several delays use them."""
-        key = cutoff, scale, least_speed
+        key = cutoff, widths, least_speed
         if key not in self._columns:
-            s, every = self.setting, self._superset(scale)
+            s, every = self.setting, self._superset(widths)
             found = columns_of(
                 s.bodies,
                 self._masked(cutoff, least_speed),
                 every.terms,
                 every.couplings,
-                width=scale,
+                widths=widths,
                 band=s.band,
             )
             self._columns.clear()
@@ -286,13 +288,13 @@ class Evaluator:
             self._masks[key] = whole.masked(self.setting.bodies, least_speed)
         return self._masks[key]
 
-    def _superset(self, scale: float) -> Superset:
-        if scale not in self._supersets:
+    def _superset(self, widths: Widths) -> Superset:
+        if widths not in self._supersets:
             s = self.setting
-            self._supersets[scale] = superset(
-                s.bodies, scale, s.loaded, s.sloped, s.fading
+            self._supersets[widths] = superset(
+                s.bodies, widths, s.loaded, s.sloped, s.fading
             )
-        return self._supersets[scale]
+        return self._supersets[widths]
 
 
 @single_threaded

@@ -1,7 +1,4 @@
-"""Fits of a choice to each fold, from triangular factors of all columns of each block.
-
-A fit's torque error is computed on the blocks that were left out.
-"""
+"""Fits of a choice to each fold, from triangular factors of all columns of blocks."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -132,7 +129,7 @@ def columns_of(
     terms: Sequence[Sequence[DriveTerm]],
     couplings: Sequence[GearCoupling],
     *,
-    width: float,
+    widths: Sequence[float],
     band: float,
 ) -> tuple[JointColumns, ...]:
     """Return the columns of all torque joints.
@@ -143,8 +140,8 @@ def columns_of(
         The model without drive terms.
     terms : sequence of sequence of DriveTerm
         Drive terms of each of the robot's joints.
-    width : float, [rad/s or m/s]
-        Width of friction's change of sign.
+    widths : sequence of float, [rad/s or m/s]
+        Width of friction's change of sign of each of the robot's joints.
     band : float, [Hz]
         Band in which torque is predicted.
     """
@@ -152,6 +149,7 @@ def columns_of(
     for row, (name, (places, expand)) in enumerate(
         zip(bodies.torque_joints, row_structure(bodies), strict=True)
     ):
+        width = widths[bodies.robot.joint_names.index(name)]
         own = _OwnColumns(bodies, row, name, terms, couplings, width, band)
         drive = samples.filtered(row, own.along)
         values = np.concatenate([samples.inertial[row][places], drive.T])

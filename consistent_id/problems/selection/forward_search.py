@@ -12,6 +12,7 @@ from consistent_id.problems.selection.choice import (
     cutoff_moves,
     delay_moves,
     has_term,
+    joint_widths,
     mass_move,
     removals,
     row_moves,
@@ -21,7 +22,6 @@ from consistent_id.problems.selection.choice import (
     stribeck_moves,
     stribeck_passed,
     term_moves,
-    velocity_scale,
     with_drive,
     without,
 )
@@ -437,7 +437,7 @@ def _other_moves(
     yield from (move for move in shapes if stribeck_passed(move, speeds))
     if "coupling" not in scope.fixed:
         names = setting.bodies.robot.joint_names
-        pairs = couplings_between(setting.bodies, velocity_scale(choice))
+        pairs = couplings_between(setting.bodies, joint_widths(choice))
         yield from coupling_moves(choice, names, pairs)
     if "motion_cutoff" not in scope.fixed:
         yield from cutoff_moves(choice, scope.cutoffs)

@@ -15,6 +15,7 @@ from consistent_id.problems.selection.choice import (
     TERMS,
     Choice,
     data_of,
+    scaled,
 )
 from consistent_id.problems.selection.evaluation import Evaluated, Evaluator, Setting
 from consistent_id.problems.selection.forward_search import Scope
@@ -87,11 +88,13 @@ def beginning(
     samples = evaluator.samples(cutoff)
     _require_rows(samples, setting)
     _require_torque(samples, setting)
-    speeds = _top_speeds(samples, setting.bodies)
+    speeds, ratios = _top_speeds(samples, setting.bodies)
+    if "velocity_scale" in fixed:
+        ratios = ()
     scales = velocity_scales(speeds)
     width = min(scales, key=lambda s: abs(np.log(s / (_WIDTH * np.median(speeds)))))
     start = replace(
-        _plain(problem, fixed, width), motion_cutoff=cutoff, torque_cutoff=band
+        _plain(problem, fixed, width, ratios), motion_cutoff=cutoff, torque_cutoff=band
     )
     evaluator = evaluator.with_friction(*_frictions(problem, start, samples, setting))
     torque = np.sqrt(np.mean(samples.torque**2, axis=0))
@@ -200,19 +203,34 @@ def _require_torque(samples: Samples, setting: Setting) -> None:
         raise RecordingError(f"the torque of {names} is zero in all training data")
 
 
-def _top_speeds(samples: Samples, bodies: TorqueModel) -> Vector:
-    names = bodies.robot.joint_names
-    places = [names.index(name) for name in bodies.torque_joints]
-    speeds = samples.top_speeds[places]
-    moving = speeds[speeds > 0.0]
-    if len(moving) == 0:
+def _top_speeds(
+    samples: Samples, bodies: TorqueModel
+) -> tuple[Vector, tuple[float, ...]]:
+    """Return top speeds of turning joints, and each joint's ratio to them.
+
+    A sliding joint beside turning ones has another unit: its ratio is that of the
+    medians.  If no joint turns, the speeds are those of sliding joints.
+    """
+    robot = bodies.robot
+    measured = np.isin(robot.joint_names, bodies.torque_joints)
+    moving = measured & (samples.top_speeds > 0.0)
+    if not moving.any():
         raise RecordingError("no joint with torque ever moves in the training data")
-    return moving
+    slides = np.array([joint.kind == "prismatic" for joint in robot.driven])
+    turning, sliding = moving & ~slides, moving & slides
+    if not (turning.any() and sliding.any()):
+        return samples.top_speeds[moving], ()
+    speeds = samples.top_speeds[turning]
+    ratio = np.median(samples.top_speeds[sliding]) / np.median(speeds)
+    own = np.where(slides, float(f"{ratio:.1g}"), 1.0)
+    return speeds, tuple(own.tolist())
 
 
-def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
+def _plain(
+    problem: Problem, fixed: Collection[str], width: float, ratios: tuple[float, ...]
+) -> Choice:
     """Return the plain model; fixed settings are those of the file."""
-    table = problem.table
+    table, names = problem.table, problem.model.robot.joint_names
     masses = table.constraints.masses
     if not _masses_known(problem):
         masses = "free"
@@ -224,13 +242,14 @@ def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
         delay = 0.0
     return Choice(
         tuple(
-            _plain_drive(problem, name, fixed, width)
-            for name in problem.model.robot.joint_names
+            _plain_drive(problem, name, fixed, scaled(width, ratio))
+            for name, ratio in zip(names, ratios or len(names) * (1.0,), strict=True)
         ),
         couplings=tuple(table.couplings) if "coupling" in fixed else (),
         masses=masses,
         least_speed=preparation.least_speed if "least_speed" in fixed else None,
         delay=float(delay),
+        ratios=ratios,
     )
 
 

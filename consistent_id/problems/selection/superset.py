@@ -4,6 +4,7 @@ Load friction needs a known load, a slope of friction needs limits of the joint,
 coupling needs two neighbouring joints of one kind.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -35,7 +36,7 @@ class Superset:
 
 def superset(
     bodies: TorqueModel,
-    scale: float,
+    widths: Sequence[float],
     loaded: tuple[str, ...],
     sloped: tuple[str, ...],
     fading: tuple[float, ...] = (),
@@ -46,22 +47,23 @@ def superset(
     ----------
     bodies : TorqueModel
         The model without drive terms.
-    scale : float, [rad/s or m/s]
-        Width of friction's change of sign.
+    widths : sequence of float, [rad/s or m/s]
+        Width of friction's change of sign of each of the robot's joints.
     loaded, sloped : tuple of str
         See `loaded_joints` and `sloped_joints`.
     fading : tuple of float, [rad/s or m/s]
         Stribeck velocities; by default those of `stribeck_velocities`.
     """
-    fading = fading or stribeck_velocities(scale)
     terms: list[tuple[DriveTerm, ...]] = []
-    for name in bodies.robot.joint_names:
+    names = bodies.robot.joint_names
+    for name, width in zip(names, widths, strict=True):
         measured = name in bodies.torque_joints
         own = (name in loaded, name in sloped)
-        tables = _drive_tables(scale, *own, fading) if measured else ()
+        speeds = fading or stribeck_velocities(width)
+        tables = _drive_tables(width, *own, speeds) if measured else ()
         every = (term for table in tables for term in table.terms.terms)
         terms.append(tuple(dict.fromkeys(every)))
-    pairs = couplings_between(bodies, scale)
+    pairs = couplings_between(bodies, widths)
     return Superset(tuple(terms), tuple(coupling_of(pair) for pair in pairs))
 
 
@@ -98,8 +100,11 @@ def sloped_joints(bodies: TorqueModel) -> tuple[str, ...]:
     return tuple(name for name in bodies.torque_joints if limited[name])
 
 
-def couplings_between(bodies: TorqueModel, scale: float) -> tuple[CouplingTable, ...]:
+def couplings_between(
+    bodies: TorqueModel, widths: Sequence[float]
+) -> tuple[CouplingTable, ...]:
     """Return the couplings that drives of neighbouring joints may have."""
+    own = dict(zip(bodies.robot.joint_names, widths, strict=True))
     kinds = {joint.name: joint.kind == "prismatic" for joint in bodies.robot.driven}
     return tuple(
         CouplingTable(
@@ -107,7 +112,7 @@ def couplings_between(bodies: TorqueModel, scale: float) -> tuple[CouplingTable,
             second=second,
             viscous=True,
             coulomb="tanh",
-            velocity_scale=scale,
+            velocity_scale=own[first],
             rotor_inertia=True,
         )
         for first, second in pairwise(bodies.torque_joints)
