@@ -1,7 +1,6 @@
 """Choices of a model, and the moves that change one.
 
-A choice consists of drive terms, masses, cut-offs, rows and a delay. The superset has
-every drive term and coupling that a model may have, for one width of friction.
+A choice consists of drive terms, masses, cut-offs, rows and a delay.
 """
 
 from collections import Counter
@@ -311,15 +310,20 @@ def term_moves(
         change = setter(asymmetric=True, offset=False)
         yield TermMove("asymmetric", "asymmetric", symmetric, change)
     plain = tuple(j for j in measured if choice.drive[j].stribeck_velocity is None)
-    for velocity in stribeck_velocities(velocity_scale(choice)):
-        own = {j: choice.speed(j, velocity) for j in plain}
-        for each in dict.fromkeys(own.values()):
-            least = STRIBECK_PASSED * each
-            passing = tuple(j for j in plain if own[j] == each and speeds[j] >= least)
-            if passing:
-                label = f"stribeck_velocity = {each:g}"
-                change = setter(stribeck_velocity=each)
+    for own in _stribeck_tried(choice):
+        for velocity in dict.fromkeys(own[j] for j in plain):
+            least = STRIBECK_PASSED * velocity
+            same = (j for j in plain if own[j] == velocity and speeds[j] >= least)
+            if passing := tuple(same):
+                label = f"stribeck_velocity = {velocity:g}"
+                change = setter(stribeck_velocity=velocity)
                 yield TermMove("stribeck_velocity", label, passing, change)
+
+
+def _stribeck_tried(choice: Choice) -> list[tuple[float, ...]]:
+    """Return the Stribeck velocities to try, each of every joint."""
+    widths = joint_widths(choice)
+    return list(zip(*map(stribeck_velocities, widths), strict=True))
 
 
 def velocity_scale(choice: Choice) -> float:
@@ -337,7 +341,9 @@ def velocity_scale(choice: Choice) -> float:
 def joint_widths(choice: Choice) -> tuple[float, ...]:
     """Return the width of friction's change of sign of each joint, [rad/s or m/s]."""
     width = velocity_scale(choice)
-    return tuple(choice.speed(j, width) for j in range(len(choice.drive)))
+    usual = (choice.speed(j, width) for j in range(len(choice.drive)))
+    own = (drive.velocity_scale for drive in choice.drive)
+    return tuple(float(w or u) for w, u in zip(own, usual, strict=True))
 
 
 def scale_moves(
@@ -380,13 +386,13 @@ def _with_width(table: DriveTable, width: float, fading: Sequence[float]) -> Dri
 def stribeck_moves(choice: Choice) -> Iterator[ModelMove]:
     """Yield other Stribeck velocities, if a joint has that term."""
     places = [j for j, d in enumerate(choice.drive) if d.stribeck_velocity is not None]
-    for velocity in stribeck_velocities(velocity_scale(choice)):
+    for own in _stribeck_tried(choice):
         after = choice
         for j in places:
-            own = setter(stribeck_velocity=choice.speed(j, velocity))
-            after = with_drive(after, [j], own)
+            after = with_drive(after, [j], setter(stribeck_velocity=own[j]))
         if after != choice:
-            label = f"stribeck_velocity = {velocity:g} where there is one"
+            shown = " or ".join(dict.fromkeys(f"{own[j]:g}" for j in places))
+            label = f"stribeck_velocity = {shown} where there is one"
             yield ModelMove("stribeck_value", label, choice, after)
 
 
@@ -457,9 +463,7 @@ def coupling_moves(
         if pair.first in used:
             continue
         joints = [names.index(name) for name in (pair.first, pair.second)]
-        scale = choice.speed(joints[0], velocity_scale(choice))
         after = with_drive(choice, joints, setter(rotor_inertia=True))
-        pair = msgspec.structs.replace(pair, velocity_scale=scale)
         after = replace(after, couplings=(*choice.couplings, pair))
         label = f"coupling of {pair.first} and {pair.second}"
         yield ModelMove("coupling", label, choice, after)

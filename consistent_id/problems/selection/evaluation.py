@@ -87,7 +87,7 @@ class Setting:
     size : float
         Misfit that counts as one when the prior's weight is set.
     fading : tuple of float, [rad/s or m/s]
-        Stribeck velocities; by default those of `stribeck_velocities`.
+        Stribeck velocities besides those of `stribeck_velocities`.
     """
 
     table: ProblemTable
@@ -158,7 +158,7 @@ class Evaluator:
         return Evaluator(setting, self._samples, self._masks)
 
     def with_fading(self, velocities: tuple[float, ...]) -> "Evaluator":
-        """Return an evaluator of the same rows with other Stribeck velocities."""
+        """Return an evaluator of the same rows that knows more Stribeck velocities."""
         setting = replace(self.setting, fading=velocities)
         rows = Evaluator(setting, self._samples, self._masks)
         return replace(rows, _candidates=self._candidates, _evaluated=self._evaluated)

@@ -147,12 +147,13 @@ def joint_by_joint(
 ) -> Iterator[State]:
     """Yield states without needless terms, and with others, of single joints.
 
-    Stribeck velocities stay, and no other joint gets one.
+    Widths of friction's change of sign stay if each joint has its own.
     """
     state = yield from without_needless_terms(evaluator, start, state, scope)
     state = yield from _with_springs(evaluator, state, scope)
-    fixed = scope.fixed | {"stribeck_velocity"}
-    yield from _forward(evaluator, state, replace(scope, everywhere=False, fixed=fixed))
+    kept = {"velocity_scale"} if state.current.choice.ratios else set[str]()
+    narrow = replace(scope, everywhere=False, fixed=scope.fixed | kept)
+    yield from _forward(evaluator, state, narrow)
 
 
 _Search = Generator[State, None, State]
@@ -431,7 +432,7 @@ def _other_moves(
     shapes = list[ModelMove]()
     if "velocity_scale" not in scope.fixed:
         shapes += scale_moves(choice, scope.scales, setting.fading)
-    if "stribeck_velocity" not in scope.fixed:
+    if "stribeck_velocity" not in scope.fixed and not setting.fading:
         shapes += stribeck_moves(choice)
     speeds = evaluator.samples(choice.motion_cutoff).top_speeds
     yield from (move for move in shapes if stribeck_passed(move, speeds))

@@ -34,8 +34,8 @@ from consistent_id.problems.selection.choice import (
     data_of,
     velocity_scale,
 )
+from consistent_id.problems.selection.closer_shapes import closer_models
 from consistent_id.problems.selection.evaluation import Evaluator
-from consistent_id.problems.selection.fading import closer_models
 from consistent_id.problems.selection.forward_search import (
     Scope,
     State,

@@ -4,7 +4,7 @@ Load friction needs a known load, a slope of friction needs limits of the joint,
 coupling needs two neighbouring joints of one kind.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -52,14 +52,14 @@ def superset(
     loaded, sloped : tuple of str
         See `loaded_joints` and `sloped_joints`.
     fading : tuple of float, [rad/s or m/s]
-        Stribeck velocities; by default those of `stribeck_velocities`.
+        Stribeck velocities besides those of `stribeck_velocities`.
     """
     terms: list[tuple[DriveTerm, ...]] = []
     names = bodies.robot.joint_names
     for name, width in zip(names, widths, strict=True):
         measured = name in bodies.torque_joints
         own = (name in loaded, name in sloped)
-        speeds = fading or stribeck_velocities(width)
+        speeds = dict.fromkeys([*fading, *stribeck_velocities(width)])
         tables = _drive_tables(width, *own, speeds) if measured else ()
         every = (term for table in tables for term in table.terms.terms)
         terms.append(tuple(dict.fromkeys(every)))
@@ -68,7 +68,7 @@ def superset(
 
 
 def _drive_tables(
-    scale: float, loaded: bool, sloped: bool, fading: tuple[float, ...]
+    scale: float, loaded: bool, sloped: bool, fading: Iterable[float]
 ) -> tuple[DriveTable, ...]:
     """Return drive tables that together have every term that a joint may have."""
     whole = DriveTable(
