@@ -124,17 +124,14 @@ def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
     of_joints = zip(*(part.scores for part in parts), strict=True)
     samples = [float(part.effective.sum()) for part in parts]
     beyond = float(np.average([part.beyond for part in parts], weights=samples))
+    shapes = [part.shapes for part in parts if part.shapes]
     return CorrelatedNoise(
         np.sum([part.effective for part in parts], axis=0),
         tuple(_compressed(np.vstack(scores)) for scores in of_joints),
         np.sum([part.freedom for part in parts], axis=0),
         max(beyond, 1.0),
-        tuple(map(_added, *(part.shapes for part in parts))),
+        tuple(np.sum(of_joint, axis=0) for of_joint in zip(*shapes, strict=True)),
     )
-
-
-def _added(*of_parts: Matrix) -> Matrix:
-    return np.asarray(np.sum(of_parts, axis=0))
 
 
 @single_threaded

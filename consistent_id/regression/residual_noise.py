@@ -417,11 +417,11 @@ def unconstrained_fit(regression: Regression, base: BaseParameters) -> Unconstra
             scores = _product(own, steps) / weight**2
         parts.append(np.vstack([scores, floor[j] * rows]))
     root = triangle(np.asfortranarray(np.vstack(parts)))
-    if regression.noise is not None:
+    if regression.noise is not None and regression.noise.shapes:
         shapes = tuple(
             _product(own[:, columns], steps) / weight**2
             for own, weight in zip(
-                regression.noise.shapes, regression.sigma, strict=False
+                regression.noise.shapes, regression.sigma, strict=True
             )
         )
     inflation, between, beyond = root.T @ root, tuple[Scatter, ...](), 1.0

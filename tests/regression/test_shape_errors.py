@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import consistent_id as ci
 from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
+from consistent_id.regression import shape_errors
 from consistent_id.regression.correlated_noise import joined_noise
 from consistent_id.regression.recorded_motion import motion_of
 from consistent_id.regression.residual_noise import unconstrained_fit
@@ -104,6 +106,35 @@ def test_nothing_is_added_without_such_friction():
     assert regression.noise.shapes == ()
     given = model, regression.factors, regression.counts, [motion_of(model, log, None)]
     assert with_shape_errors(*given, regression.noise) is regression.noise
+
+
+def test_correlated_noise_tells_less_of_a_velocity():
+    """Over 19 samples, of the same variance: errors are 4.4 times as large."""
+    rng, n = np.random.default_rng(7), (SAMPLES, JOINTS)
+    _, log = recorded(arm(), rng, 0.0)
+    white, sizes = rng.normal(size=n), []
+    slow = signal.lfilter([np.sqrt(0.19)], [1.0, -0.9], white, axis=0)
+    for noise in (white, slow):
+        shaken = replace(log, torque=log.torque + 0.5 * noise)
+        regression = ci.build_regression(arm(), shaken)
+        sizes.append([np.linalg.norm(N) for N in regression.noise.shapes])
+    assert np.mean(np.divide(sizes[1], sizes[0])) > 2.0
+
+
+def test_the_middle_of_a_long_log_stands_for_all_of_it(monkeypatch):
+    _, log = recorded(arm((0.2, 0.1)), np.random.default_rng(8), 0.1)
+    whole = ci.build_regression(arm(), log).noise.shapes
+    monkeypatch.setattr(shape_errors, "SHOWN", SAMPLES // 2)
+    half = ci.build_regression(arm(), log).noise.shapes
+    for one, other in zip(half, whole, strict=True):
+        assert np.linalg.norm(one) == pytest.approx(np.linalg.norm(other), rel=0.4)
+
+
+def test_an_older_part_without_such_errors_adds_none():
+    _, log = recorded(arm((0.2, 0.1)), np.random.default_rng(4), 0.01)
+    noise = ci.build_regression(arm(), log).noise
+    both = joined_noise([noise, replace(noise, shapes=())])
+    np.testing.assert_array_equal(both.shapes, noise.shapes)
 
 
 def test_parts_of_a_log_have_the_same_error():

@@ -6,7 +6,8 @@ A choice consists of drive terms, masses, cut-offs, rows and a delay.
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from functools import partial
+from typing import Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -82,9 +83,6 @@ class Choice:
         Delay of the torque.
     decimate : int
         Step between samples that are kept.
-    ratios : tuple of float
-        Of each joint's speed over that of turning joints, by which widths of friction's
-        change of sign and Stribeck velocities are multiplied; empty for ones.
     """
 
     drive: tuple[DriveTable, ...]
@@ -95,16 +93,6 @@ class Choice:
     least_speed: float | None = None
     delay: float = 0.0
     decimate: int = 1
-    ratios: tuple[float, ...] = ()
-
-    def speed(self, joint: int, value: float) -> float:
-        """Return a joint's speed for one of turning joints."""
-        return scaled(value, self.ratios[joint]) if self.ratios else value
-
-
-def scaled(value: float, ratio: float) -> float:
-    """Return a rounded multiple, which the inverse ratio takes back."""
-    return value if ratio == 1.0 else float(f"{value * ratio:.3g}")
 
 
 def data_of(table: ProblemTable) -> DataTable:
@@ -327,49 +315,62 @@ def _stribeck_tried(choice: Choice) -> list[tuple[float, ...]]:
 
 
 def velocity_scale(choice: Choice) -> float:
-    """Return the width of friction's change of sign, of turning joints, [rad/s or m/s].
+    """Return the width of friction's change of sign of the first joint with friction.
 
-    Sliding joints beside turning ones have another: see `Choice.speed`.
+    In rad/s or m/s; that of all joints, unless some turn and others slide.
     """
-    for j, drive in enumerate(choice.drive):
-        if drive.velocity_scale is not None:
-            ratio = choice.ratios[j] if choice.ratios else 1.0
-            return scaled(float(drive.velocity_scale), 1.0 / ratio)
-    return float(DEFAULT_DRIVE.velocity_scale)
+    scales = (d.velocity_scale for d in choice.drive if d.velocity_scale is not None)
+    return float(next(scales, DEFAULT_DRIVE.velocity_scale))
 
 
 def joint_widths(choice: Choice) -> tuple[float, ...]:
     """Return the width of friction's change of sign of each joint, [rad/s or m/s]."""
-    width = velocity_scale(choice)
-    usual = (choice.speed(j, width) for j in range(len(choice.drive)))
-    own = (drive.velocity_scale for drive in choice.drive)
-    return tuple(float(w or u) for w, u in zip(own, usual, strict=True))
+    usual = velocity_scale(choice)
+    return tuple(float(drive.velocity_scale or usual) for drive in choice.drive)
+
+
+class Widths(NamedTuple):
+    """Widths of friction's change of sign to try for joints of one kind.
+
+    Parameters
+    ----------
+    joints : tuple of int
+    names : tuple of str
+        Of these joints.
+    scales : tuple of float, [rad/s or m/s]
+    which : str
+        The end of a move's label, such as ``" of sliding joints"``.
+    """
+
+    joints: tuple[int, ...]
+    names: tuple[str, ...]
+    scales: tuple[float, ...]
+    which: str = ""
 
 
 def scale_moves(
-    choice: Choice, scales: Sequence[float], fading: Sequence[float] = ()
+    choice: Choice, widths: Widths, fading: Sequence[float] = ()
 ) -> Iterator[ModelMove]:
     """Yield other widths of friction's change of sign.
 
     Stribeck velocities become the nearest that are tried with a width, if they are not
     among those of `fading`.
     """
-    now = velocity_scale(choice)
-    for scale in scales:
-        if scale == now:
-            continue
-        drive = tuple(
-            _with_width(table, choice.speed(j, scale), fading)
-            for j, table in enumerate(choice.drive)
-        )
+    for scale in widths.scales:
+        after = choice
+        for j in widths.joints:
+            own = partial(_with_width, width=scale, fading=fading)
+            after = with_drive(after, [j], own)
         couplings = tuple(
-            msgspec.structs.replace(c, velocity_scale=scaled(width, scale / now))
+            msgspec.structs.replace(c, velocity_scale=scale)
+            if c.first in widths.names
+            else c
             for c in choice.couplings
-            for width in (c.velocity_scale or now,)
         )
-        label = f"velocity_scale = {scale:g}"
-        after = replace(choice, drive=drive, couplings=couplings)
-        yield ModelMove("velocity_scale", label, choice, after)
+        after = replace(after, couplings=couplings)
+        if after != choice:
+            label = f"velocity_scale = {scale:g}{widths.which}"
+            yield ModelMove("velocity_scale", label, choice, after)
 
 
 def _with_width(table: DriveTable, width: float, fading: Sequence[float]) -> DriveTable:

@@ -48,13 +48,18 @@ from consistent_id.problems.selection.samples import (
     folds,
     samples_of,
 )
-from consistent_id.problems.selection.superset import Superset, superset
+from consistent_id.problems.selection.superset import (
+    NOTHING,
+    Stated,
+    Superset,
+    superset,
+)
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 
-Widths = tuple[float, ...]  # of friction's change of sign, by joint
+JointWidths = tuple[float, ...]  # of friction's change of sign
 
 _DELAYS = 4  # first-order steps of a delay, at the most
 _RANK = 1e-8  # of the largest singular value, of columns of unit length
@@ -88,6 +93,8 @@ class Setting:
         Misfit that counts as one when the prior's weight is set.
     fading : tuple of float, [rad/s or m/s]
         Stribeck velocities besides those of `stribeck_velocities`.
+    stated : Stated
+        Of the file, which some choices keep.
     """
 
     table: ProblemTable
@@ -103,6 +110,7 @@ class Setting:
     sigma: Vector
     size: float
     fading: tuple[float, ...] = ()
+    stated: Stated = NOTHING
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +140,7 @@ class Evaluator:
     _samples: dict[float | None, Samples] = field(default_factory=dict)
     _masks: dict[tuple[float | None, float], Samples] = field(default_factory=dict)
     _factors: dict[tuple[object, ...], Factors] = field(default_factory=dict)
-    _supersets: dict[Widths, Superset] = field(default_factory=dict)
+    _supersets: dict[JointWidths, Superset] = field(default_factory=dict)
     _columns: dict[tuple[object, ...], tuple[JointColumns, ...]] = field(
         default_factory=dict
     )
@@ -151,10 +159,10 @@ class Evaluator:
         return Evaluator(setting, *rows, self._columns, self._candidates)
 
     def with_friction(
-        self, loaded: tuple[str, ...], sloped: tuple[str, ...]
+        self, loaded: tuple[str, ...], sloped: tuple[str, ...], stated: Stated
     ) -> "Evaluator":
         """Return an evaluator of the same rows with other load or position laws."""
-        setting = replace(self.setting, loaded=loaded, sloped=sloped)
+        setting = replace(self.setting, loaded=loaded, sloped=sloped, stated=stated)
         return Evaluator(setting, self._samples, self._masks)
 
     def with_fading(self, velocities: tuple[float, ...]) -> "Evaluator":
@@ -260,7 +268,7 @@ class Evaluator:
         return self._factors[key]
 
     def _columns_of(
-        self, cutoff: float | None, widths: Widths, least_speed: float | None
+        self, cutoff: float | None, widths: JointWidths, least_speed: float | None
     ) -> tuple[JointColumns, ...]:
         """Return columns, the last ones of which are kept: several delays use them."""
         key = cutoff, widths, least_speed
@@ -288,11 +296,11 @@ class Evaluator:
             self._masks[key] = whole.masked(self.setting.bodies, least_speed)
         return self._masks[key]
 
-    def _superset(self, widths: Widths) -> Superset:
+    def _superset(self, widths: JointWidths) -> Superset:
         if widths not in self._supersets:
             s = self.setting
             self._supersets[widths] = superset(
-                s.bodies, widths, s.loaded, s.sloped, s.fading
+                s.bodies, widths, s.loaded, s.sloped, s.fading, s.stated
             )
         return self._supersets[widths]
 

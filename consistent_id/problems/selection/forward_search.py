@@ -8,6 +8,7 @@ from consistent_id.errors import ConsistentIdError
 from consistent_id.problems.selection.choice import (
     REMOVABLE,
     ModelMove,
+    Widths,
     coupling_moves,
     cutoff_moves,
     delay_moves,
@@ -38,8 +39,8 @@ from consistent_id.problems.selection.gates import (
     LEAST_ROW_GAIN,
     believable,
     better,
+    clear,
     enough,
-    plain,
 )
 from consistent_id.problems.selection.superset import couplings_between
 
@@ -62,8 +63,8 @@ class Scope:
     ----------
     fixed : frozenset of str
         Kinds that must not change, such as ``"masses"``.
-    scales : tuple of float
-        Widths of friction's change of sign.
+    widths : tuple of Widths
+        Widths of friction's change of sign, by kind of joint.
     cutoffs : tuple of float, [Hz]
         Cut-offs of the motion, ascending.
     everywhere : bool
@@ -72,7 +73,7 @@ class Scope:
     """
 
     fixed: frozenset[str]
-    scales: tuple[float, ...]
+    widths: tuple[Widths, ...]
     cutoffs: tuple[float, ...]
     everywhere: bool = True
 
@@ -145,15 +146,10 @@ def better_models(
 def joint_by_joint(
     evaluator: Evaluator, start: Evaluated, state: State, scope: Scope
 ) -> Iterator[State]:
-    """Yield states without needless terms, and with others, of single joints.
-
-    Widths of friction's change of sign stay if each joint has its own.
-    """
+    """Yield states without needless terms, and with others, of single joints."""
     state = yield from without_needless_terms(evaluator, start, state, scope)
     state = yield from _with_springs(evaluator, state, scope)
-    kept = {"velocity_scale"} if state.current.choice.ratios else set[str]()
-    narrow = replace(scope, everywhere=False, fixed=scope.fixed | kept)
-    yield from _forward(evaluator, state, narrow)
+    yield from _forward(evaluator, state, replace(scope, everywhere=False))
 
 
 _Search = Generator[State, None, State]
@@ -189,7 +185,7 @@ def _best_move(
     if any(t[0].kind == "masses" and enough(t[0], t[1]) for t in tried):
         bounded = mass_move(current.choice, "bounds")
         tried = _without_tight_bounds(tried, _tried(evaluator, current, [bounded]))
-    large = [t for t in tried if enough(t[0], t[1]) or _plain(evaluator, current, t)]
+    large = [t for t in tried if enough(t[0], t[1]) or _clear(evaluator, current, t)]
     if not large:
         return None
     best = max(brought.share for _, brought, _ in large)
@@ -199,10 +195,10 @@ def _best_move(
     return Step(move, brought, after.error, rivals, later=tuple(later)), after
 
 
-def _plain(evaluator: Evaluator, current: Evaluated, tried: _Tried) -> bool:
-    """Return whether a term plainly helps each joint that gets it."""
-    move, _, after = tried
-    if move.kind not in REMOVABLE:
+def _clear(evaluator: Evaluator, current: Evaluated, tried: _Tried) -> bool:
+    """Return whether a term clearly helps each joint that gets it, and all."""
+    move, brought, after = tried
+    if move.kind not in REMOVABLE or brought.share <= 0.0:
         return False
     bodies = evaluator.setting.bodies
     rows = {name: row for row, name in enumerate(bodies.torque_joints)}
@@ -210,7 +206,7 @@ def _plain(evaluator: Evaluator, current: Evaluated, tried: _Tried) -> bool:
     drives = zip(
         bodies.robot.joint_names, move.before.drive, move.after.drive, strict=True
     )
-    return all(plain(gains[rows[name]]) for name, old, new in drives if old != new)
+    return all(clear(gains[rows[name]]) for name, old, new in drives if old != new)
 
 
 def _without_tight_bounds(tried: list[_Tried], bounded: list[_Tried]) -> list[_Tried]:
@@ -318,10 +314,10 @@ def _with_springs(evaluator: Evaluator, state: State, scope: Scope) -> _Search:
     label = f"spring of {', '.join(names[j] for j in joints)}"
     after = with_drive(choice, joints, setter(spring=True))
     move = ModelMove("spring", label, choice, after)
-    for _, brought, found in _tried(evaluator, state.current, [move]):
-        if enough(move, brought):
-            made = Step(move, brought, found.error, {})
-            state = State(found, (*state.steps, made))
+    for tried in _tried(evaluator, state.current, [move]):
+        if enough(move, tried[1]) or _clear(evaluator, state.current, tried):
+            made = Step(move, tried[1], tried[2].error, {})
+            state = State(tried[2], (*state.steps, made))
             yield state
     return state
 
@@ -430,8 +426,12 @@ def _other_moves(
     """Yield the moves other than drive terms, masses and rows."""
     choice, setting = current.choice, evaluator.setting
     shapes = list[ModelMove]()
+    known = setting.fading
+    if "stribeck_velocity" in scope.fixed:
+        known += tuple(filter(None, (d.stribeck_velocity for d in choice.drive)))
     if "velocity_scale" not in scope.fixed:
-        shapes += scale_moves(choice, scope.scales, setting.fading)
+        for widths in scope.widths:
+            shapes += scale_moves(choice, widths, known)
     if "stribeck_velocity" not in scope.fixed and not setting.fading:
         shapes += stribeck_moves(choice)
     speeds = evaluator.samples(choice.motion_cutoff).top_speeds

@@ -84,6 +84,6 @@ def believable(brought: Gain) -> bool:
     return better(brought) and brought.share >= min(SURE * brought.error, PLAIN)
 
 
-def plain(brought: Gain) -> bool:
+def clear(brought: Gain) -> bool:
     """Return whether a term takes off a large part of a joint's own error, surely."""
     return believable(brought) and brought.share >= max(PLAIN, SURE * brought.error)

@@ -32,10 +32,10 @@ from consistent_id.problems.selection.choice import (
     Choice,
     applied,
     data_of,
-    velocity_scale,
+    joint_widths,
 )
-from consistent_id.problems.selection.closer_shapes import closer_models
 from consistent_id.problems.selection.evaluation import Evaluator
+from consistent_id.problems.selection.fading import closer_models
 from consistent_id.problems.selection.forward_search import (
     Scope,
     State,
@@ -385,9 +385,9 @@ def _notes(
     if "motion_cutoff" not in scope.fixed and choice.motion_cutoff is not None:
         notes += _edge("motion_cutoff", "Hz", choice.motion_cutoff, scope.cutoffs)
     if "velocity_scale" not in scope.fixed:
-        notes += _edge(
-            "velocity_scale", "rad/s or m/s", velocity_scale(choice), scope.scales
-        )
+        for each in scope.widths:
+            value = joint_widths(choice)[each.joints[0]]
+            notes += _edge("velocity_scale", "rad/s or m/s", value, each.scales)
     if band > _FAST * rate:
         notes.append(
             f"the motion is fast for {rate:.4g} samples a second: torque above "

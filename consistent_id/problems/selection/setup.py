@@ -1,12 +1,11 @@
 """The beginning of a search: rows, the plain model, scales of errors, moves to try."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
 
-from consistent_id._support.arrays import Vector
 from consistent_id.errors import RecordingError
 from consistent_id.problems.file import DriveTable
 from consistent_id.problems.problem import Problem
@@ -14,8 +13,8 @@ from consistent_id.problems.selection.band import motion_cutoffs, thinning
 from consistent_id.problems.selection.choice import (
     TERMS,
     Choice,
+    Widths,
     data_of,
-    scaled,
 )
 from consistent_id.problems.selection.evaluation import Evaluated, Evaluator, Setting
 from consistent_id.problems.selection.forward_search import Scope
@@ -26,7 +25,12 @@ from consistent_id.problems.selection.samples import (
     motion_period,
     velocity_scales,
 )
-from consistent_id.problems.selection.superset import loaded_joints, sloped_joints
+from consistent_id.problems.selection.superset import (
+    NOTHING,
+    Stated,
+    loaded_joints,
+    sloped_joints,
+)
 from consistent_id.problems.stated_model import DEFAULT_DRIVE
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
@@ -88,15 +92,14 @@ def beginning(
     samples = evaluator.samples(cutoff)
     _require_rows(samples, setting)
     _require_torque(samples, setting)
-    speeds, ratios = _top_speeds(samples, setting.bodies)
-    if "velocity_scale" in fixed:
-        ratios = ()
-    scales = velocity_scales(speeds)
-    width = min(scales, key=lambda s: abs(np.log(s / (_WIDTH * np.median(speeds)))))
+    widths = _widths(samples, setting.bodies)
     start = replace(
-        _plain(problem, fixed, width, ratios), motion_cutoff=cutoff, torque_cutoff=band
+        _plain(problem, fixed, widths), motion_cutoff=cutoff, torque_cutoff=band
     )
-    evaluator = evaluator.with_friction(*_frictions(problem, start, samples, setting))
+    kept = set(DRIVE) & set(fixed)
+    stated = Stated(start.drive, start.couplings) if kept else NOTHING
+    laws = _frictions(problem, start, samples, setting)
+    evaluator = evaluator.with_friction(*laws, stated)
     torque = np.sqrt(np.mean(samples.torque**2, axis=0))
     rough = evaluator.rescaled(torque, _ROUGH * np.sqrt(samples.torque.size))
     errors = rough.evaluated(start).errors.squares.sum(axis=0) / len(NUMBERS)
@@ -105,7 +108,7 @@ def beginning(
     rate = min(own_rate(raw) for raw in raws)
     scope = Scope(
         fixed=frozenset(fixed) | _settled(problem),
-        scales=scales,
+        widths=tuple(each for each, _ in widths),
         cutoffs=motion_cutoffs(band, rate),
     )
     return Beginning(evaluator, evaluator.evaluated(start), scope)
@@ -203,34 +206,43 @@ def _require_torque(samples: Samples, setting: Setting) -> None:
         raise RecordingError(f"the torque of {names} is zero in all training data")
 
 
-def _top_speeds(
-    samples: Samples, bodies: TorqueModel
-) -> tuple[Vector, tuple[float, ...]]:
-    """Return top speeds of turning joints, and each joint's ratio to them.
+def _widths(samples: Samples, bodies: TorqueModel) -> tuple[tuple[Widths, float], ...]:
+    """Return widths of friction to try, and the first of them, by kind of joint.
 
-    A sliding joint beside turning ones has another unit: its ratio is that of the
-    medians.  If no joint turns, the speeds are those of sliding joints.
+    Turning and sliding joints have speeds in other units.  Joints of a kind that never
+    move are taken to be of the other.
     """
     robot = bodies.robot
     measured = np.isin(robot.joint_names, bodies.torque_joints)
-    moving = measured & (samples.top_speeds > 0.0)
-    if not moving.any():
-        raise RecordingError("no joint with torque ever moves in the training data")
     slides = np.array([joint.kind == "prismatic" for joint in robot.driven])
-    turning, sliding = moving & ~slides, moving & slides
-    if not (turning.any() and sliding.any()):
-        return samples.top_speeds[moving], ()
-    speeds = samples.top_speeds[turning]
-    ratio = np.median(samples.top_speeds[sliding]) / np.median(speeds)
-    own = np.where(slides, float(f"{ratio:.1g}"), 1.0)
-    return speeds, tuple(own.tolist())
+    moving = measured & (samples.top_speeds > 0.0)
+    kinds = [kind for kind in (~slides, slides) if (kind & moving).any()]
+    if not kinds:
+        raise RecordingError("no joint with torque ever moves in the training data")
+    both = len(kinds) == 2
+    found = []
+    for kind in kinds:
+        joints = np.flatnonzero(measured & kind if both else measured).tolist()
+        speeds = samples.top_speeds[moving & kind]
+        scales = velocity_scales(speeds)
+        first = min(scales, key=lambda s: abs(np.log(s / (_WIDTH * np.median(speeds)))))
+        which = (
+            f" of {'sliding' if kind is slides else 'turning'} joints" if both else ""
+        )
+        names = tuple(robot.joint_names[j] for j in joints)
+        own = Widths(tuple(joints), names, scales, which if both else "")
+        found.append((own, first))
+    return tuple(found)
 
 
 def _plain(
-    problem: Problem, fixed: Collection[str], width: float, ratios: tuple[float, ...]
+    problem: Problem,
+    fixed: Collection[str],
+    widths: Sequence[tuple[Widths, float]],
 ) -> Choice:
     """Return the plain model; fixed settings are those of the file."""
-    table, names = problem.table, problem.model.robot.joint_names
+    first = {name: width for each, width in widths for name in each.names}
+    table = problem.table
     masses = table.constraints.masses
     if not _masses_known(problem):
         masses = "free"
@@ -242,14 +254,13 @@ def _plain(
         delay = 0.0
     return Choice(
         tuple(
-            _plain_drive(problem, name, fixed, scaled(width, ratio))
-            for name, ratio in zip(names, ratios or len(names) * (1.0,), strict=True)
+            _plain_drive(problem, name, fixed, first.get(name, widths[0][1]))
+            for name in problem.model.robot.joint_names
         ),
         couplings=tuple(table.couplings) if "coupling" in fixed else (),
         masses=masses,
         least_speed=preparation.least_speed if "least_speed" in fixed else None,
         delay=float(delay),
-        ratios=ratios,
     )
 
 

@@ -34,12 +34,24 @@ class Superset:
     couplings: tuple[GearCoupling, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """Drives of the robot's joints, and couplings, that a problem file states."""
+
+    drive: tuple[DriveTable, ...] = ()
+    couplings: tuple[CouplingTable, ...] = ()
+
+
+NOTHING = Stated()
+
+
 def superset(
     bodies: TorqueModel,
     widths: Sequence[float],
     loaded: tuple[str, ...],
     sloped: tuple[str, ...],
     fading: tuple[float, ...] = (),
+    stated: Stated = NOTHING,
 ) -> Superset:
     """Return all terms that joints with torque may have.
 
@@ -53,28 +65,41 @@ def superset(
         See `loaded_joints` and `sloped_joints`.
     fading : tuple of float, [rad/s or m/s]
         Stribeck velocities besides those of `stribeck_velocities`.
+    stated : Stated
     """
     terms: list[tuple[DriveTerm, ...]] = []
     names = bodies.robot.joint_names
-    for name, width in zip(names, widths, strict=True):
-        measured = name in bodies.torque_joints
-        own = (name in loaded, name in sloped)
-        speeds = dict.fromkeys([*fading, *stribeck_velocities(width)])
-        tables = _drive_tables(width, *own, speeds) if measured else ()
+    for j, (name, width) in enumerate(zip(names, widths, strict=True)):
+        tables = list[DriveTable]()
+        if name in bodies.torque_joints:
+            law = DriveTable(coulomb="tanh", velocity_scale=width)
+            if stated.drive and stated.drive[j].coulomb == "sign":
+                law = DriveTable(coulomb="sign")
+            speeds = dict.fromkeys([*fading, *stribeck_velocities(width)])
+            tables += _drive_tables(law, name in loaded, name in sloped, speeds)
+            for own in stated.drive[j : j + 1]:
+                scale = law.velocity_scale
+                tables.append(msgspec.structs.replace(own, velocity_scale=scale))
         every = (term for table in tables for term in table.terms.terms)
         terms.append(tuple(dict.fromkeys(every)))
-    pairs = couplings_between(bodies, widths)
-    return Superset(tuple(terms), tuple(coupling_of(pair) for pair in pairs))
+    pairs = [*couplings_between(bodies, widths), *stated.couplings]
+    couplings = dict.fromkeys(coupling_of(pair) for pair in pairs)
+    return Superset(tuple(terms), tuple(couplings))
 
 
 def _drive_tables(
-    scale: float, loaded: bool, sloped: bool, fading: Iterable[float]
+    law: DriveTable, loaded: bool, sloped: bool, fading: Iterable[float]
 ) -> tuple[DriveTable, ...]:
-    """Return drive tables that together have every term that a joint may have."""
-    whole = DriveTable(
+    """Return drive tables that together have every term that a joint may have.
+
+    Parameters
+    ----------
+    law : DriveTable
+        Dry friction.
+    """
+    whole = msgspec.structs.replace(
+        law,
         viscous=True,
-        coulomb="tanh",
-        velocity_scale=scale,
         offset=True,
         rotor_inertia=True,
         spring=True,

@@ -1,12 +1,20 @@
 """Terms joint by joint: what helps a joint stays, what does not is taken back."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from logged import URDF, moved
+from logged import URDF, moved, write_arm
 
-from consistent_id import DriveTerms, TorqueModel, draft_problem, simulate_torque
+from consistent_id import (
+    DriveTerms,
+    TorqueModel,
+    draft_problem,
+    load_problem,
+    simulate_torque,
+)
+from consistent_id.cli import main
 from consistent_id.problems.selection import model_selection
 from consistent_id.problems.selection.band import (
     SAMPLES_PER_PARAMETER,
@@ -37,8 +45,11 @@ from consistent_id.problems.selection.gates import (
     LEAST_HELP,
     PLAIN,
     believable,
+    better,
+    clear,
     enough,
 )
+from consistent_id.problems.selection.setup import beginning
 from consistent_id.robot import load_urdf
 
 
@@ -54,6 +65,20 @@ from consistent_id.robot import load_urdf
 )
 def test_a_term_is_believed_by_size_blocks_and_standard_error(share, error, won, said):
     assert believable(Gain(share, error, won)) is said
+
+
+@pytest.mark.parametrize(
+    ("share", "error", "won", "said"),
+    [
+        (0.30, 0.10, 1.0, True),
+        (0.30, 0.20, 1.0, False),  # by chance
+        (0.10, 0.02, 1.0, False),  # sure, but small
+        (0.30, 0.10, 0.5, False),
+    ],
+)
+def test_a_clear_help_is_large_and_sure(share, error, won, said):
+    assert clear(Gain(share, error, won)) is said
+    assert better(Gain(share, error, won)) is (won > 0.5)
 
 
 @pytest.mark.slow
@@ -159,11 +184,43 @@ def test_no_width_of_friction_moves_a_stribeck_velocity_past_the_motion(begun):
         with_drive(wide, [0, 1], setter(stribeck_velocity=velocity))
     )
     scales = (0.1 * speeds.min(), speeds.max())
-    scope = replace(begun.scope, scales=scales, fixed=frozenset({"delay"}))
+    widths = begun.scope.widths[0]._replace(scales=scales)
+    scope = replace(begun.scope, widths=(widths,), fixed=frozenset({"delay"}))
     tried = [p.move for p in proposals(evaluator, current, scope)]
-    widths = {velocity_scale(m.after) for m in tried if m.kind == "velocity_scale"}
-    assert widths == {scales[0]}
+    found = {velocity_scale(m.after) for m in tried if m.kind == "velocity_scale"}
+    assert found == {scales[0]}
     assert not any(m.kind == "stribeck_value" for m in tried)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("stated", "kept"),
+    [
+        ('coulomb = "tanh"\nstribeck_velocity = 0.137\n', "stribeck_velocity"),
+        ('coulomb = "sign"\n', "velocity_scale"),
+    ],
+)
+def test_kept_laws_have_their_columns_in_all_models(tmp_path, stated, kept):
+    """A stated velocity is none of those that are tried, and a sign has no width."""
+    folder = tmp_path / "problem"
+    made = ["--cutoff", "10", "--output", str(folder), "--no-select"]
+    assert main(["init", *map(str, write_arm(tmp_path)), *made]) == 0
+    file = folder / "problem.toml"
+    text = file.read_text().replace('coulomb = "tanh"\n', stated)
+    if kept == "velocity_scale":
+        text = re.sub("velocity_scale = .*\n", "", text)
+    file.write_text(text)
+    problem = load_problem(folder)
+    found = beginning(problem, problem.logs("training"), (kept,), 10.0)
+    evaluator, current = found.evaluator, found.plain
+    moves = [p.move.after for p in proposals(evaluator, current, found.scope)]
+    for choice in (current.choice, *moves):
+        places = [joint.places for joint in evaluator.factors(choice).joints]
+        for key in evaluator.candidate(choice).keys:
+            assert any(key in own for own in places), (choice, key)
+    first = getattr(current.choice.drive[0], kept)
+    assert first == (0.137 if kept == "stribeck_velocity" else None)
+    assert {getattr(choice.drive[0], kept) for choice in moves} == {first}
 
 
 def dict_of(table):

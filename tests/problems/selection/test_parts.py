@@ -222,7 +222,8 @@ def test_blocks_without_rows_and_ties_but_for_rounding_are_neither_won_nor_lost(
 def test_another_value_needs_half_of_the_blocks_and_another_term_more(begun):
     choice = begun.plain.choice
     brought = Gain(share=0.2, error=0.15, won=8 / 14)
-    width = next(scale_moves(choice, (0.5,)))
+    widths = begun.scope.widths[0]._replace(scales=(0.5,))
+    width = next(scale_moves(choice, widths))
     rotor = ModelMove("rotor_inertia", "rotor_inertia", choice, choice)
     assert enough(width, brought)
     assert not enough(rotor, brought)
@@ -233,8 +234,9 @@ def test_another_value_needs_half_of_the_blocks_and_another_term_more(begun):
 def test_another_width_keeps_stribeck_velocities_that_were_found(begun):
     change = setter(stribeck_velocity=0.137)
     choice = with_drive(begun.plain.choice, [0, 1], change)
+    widths = begun.scope.widths[0]._replace(scales=(0.05,))
     for fading, expected in (((), 0.12), ((0.137,), 0.137)):
-        moves = scale_moves(choice, (0.05,), fading)
+        moves = scale_moves(choice, widths, fading)
         (after,) = {d.stribeck_velocity for m in moves for d in m.after.drive}
         assert after == expected
 

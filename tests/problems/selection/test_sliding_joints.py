@@ -11,7 +11,6 @@ from consistent_id.problems.selection.choice import (
     stribeck_moves,
     stribeck_velocities,
     term_moves,
-    velocity_scale,
 )
 from consistent_id.problems.selection.setup import beginning
 from consistent_id.robot import load_urdf
@@ -57,32 +56,39 @@ def _arm(folder):
 
 
 @pytest.fixture(scope="module")
-def choice(tmp_path_factory):
-    """The plain model of an arm with a sliding joint."""
+def begun(tmp_path_factory):
+    """The search for an arm with a sliding joint, at its beginning."""
     files = written(tmp_path_factory.mktemp("arm"))
     problem = draft_problem(*files, select=False, cutoff=10.0).problem()
-    return beginning(problem, problem.logs("training"), (), 10.0).plain.choice
+    return beginning(problem, problem.logs("training"), (), 10.0)
 
 
-def test_a_sliding_joint_has_the_width_of_its_own_speed(choice):
-    width = velocity_scale(choice)
-    assert choice.ratios == (1.0, SPEED)
-    assert joint_widths(choice) == (width, pytest.approx(SPEED * width))
-    for move in scale_moves(choice, (0.05, 0.01)):
-        now = velocity_scale(move.after)
-        assert joint_widths(move.after) == (now, pytest.approx(SPEED * now))
+def test_widths_of_each_kind_are_those_of_its_speeds(begun):
+    choice, (turning, sliding) = begun.plain.choice, begun.scope.widths
+    assert (turning.joints, sliding.joints) == ((0,), (1,))
+    assert np.median(sliding.scales) == pytest.approx(
+        SPEED * np.median(turning.scales), rel=0.5
+    )
+    assert {TURNS, SLIDES} <= {*turning.scales, *sliding.scales}
+    before = joint_widths(choice)
+    assert before[1] == pytest.approx(SPEED * before[0])
+    for j, widths in enumerate((turning, sliding)):
+        for move in scale_moves(choice, widths):
+            after = joint_widths(move.after)
+            assert after[j] in widths.scales and after[j] != before[j]
+            assert after[1 - j] == before[1 - j]
+            assert move.label.endswith(("of turning joints", "of sliding joints")[j])
 
 
-def test_stribeck_velocities_are_those_of_each_joints_width(choice):
-    widths = joint_widths(choice)
+def test_stribeck_velocities_are_those_of_each_joints_width(begun):
+    choice = begun.plain.choice
     speeds = np.array([9.0, 9.0])
     moves = [
         m
         for m in term_moves(choice, [0, 1], [], [], speeds)
         if m.kind == "stribeck_velocity"
     ]
-    assert [m.lacking for m in moves] == 4 * [(0,), (1,)]
-    for j, width in enumerate(widths):
+    for j, width in enumerate(joint_widths(choice)):
         own = [m.change(choice.drive[j]) for m in moves if m.lacking == (j,)]
         found = tuple(table.stribeck_velocity for table in own)
         assert found == stribeck_velocities(width)
@@ -92,9 +98,7 @@ def test_stribeck_velocities_are_those_of_each_joints_width(choice):
 @pytest.mark.slow
 def test_each_joint_gets_its_width(tmp_path):
     chosen = draft_problem(*written(tmp_path)).selection.choice
-    turning, sliding = joint_widths(chosen)
-    assert turning == pytest.approx(TURNS, rel=0.3)
-    assert sliding == pytest.approx(SLIDES, rel=0.3)
+    assert joint_widths(chosen) == (TURNS, SLIDES)
     assert not any(d.drag or d.stribeck_velocity for d in chosen.drive)
 
 
@@ -102,5 +106,4 @@ def test_each_joint_gets_its_width(tmp_path):
 def test_joints_that_all_turn_have_one_width(tmp_path):
     files = written(tmp_path, kind="revolute")
     chosen = draft_problem(*files).selection.choice
-    assert chosen.ratios == ()
     assert len(set(joint_widths(chosen))) == 1

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from test_select import kinds, selected
 
 from consistent_id.problems.selection.choice import STRIBECK
-from consistent_id.problems.selection.closer_shapes import lowest
+from consistent_id.problems.selection.fading import lowest
 
 
 @given(
