@@ -100,10 +100,40 @@ def test_contacts_between_stamps_are_certain_where_both_neighbours_agree():
     assert found.certain.tolist() == [True, True, False, False, True, False, False]
 
 
-def test_commands_in_force_are_the_last_ones_and_before_any_the_first():
-    log = replace(log_at([0.0, 1.0, 2.0]), position_command=np.array([[3.0], [5], [7]]))
-    held = clocks.held_commands(log, np.array([-0.5, 0.0, 0.9, 1.0, 2.5]))
-    assert held["position_command"][:, 0].tolist() == [3.0, 3.0, 3.0, 5.0, 7.0]
+def commanded(time, values):
+    return replace(log_at(time), position_command=np.asarray(values, float)[:, None])
+
+
+def on(log, clock):
+    return clocks.held_commands(log, np.asarray(clock, float))["position_command"][:, 0]
+
+
+def test_commands_between_stamps_are_means_and_before_any_the_first():
+    log = commanded([0.0, 1.0, 2.0], [3.0, 5.0, 7.0])
+    means = on(log, [-0.5, 0.0, 0.9, 1.0, 2.5])
+    assert np.allclose(means, [3.0, 3.0, 3.0, (5.0 + 0.5 * 7.0) / 1.5, 7.0], rtol=1e-14)
+    assert on(log, [0.5]).tolist() == [4.0]
+
+
+def test_commands_on_their_own_stamps_keep_every_bit():
+    values = np.random.default_rng(3).normal(size=500)
+    for time in (np.arange(500) / 250, 1.7e9 + np.arange(500) * 0.004):
+        assert on(commanded(time, values), time).tolist() == values.tolist()
+        nearly = time + 1e-10 * np.resize([-1.0, 1.0], 500)
+        if time[0] == 0.0:  # rounding delays no command by a sample
+            assert on(commanded(time, values), nearly).tolist() == values.tolist()
+
+
+def test_commands_of_uneven_stamps_are_neither_late_nor_early():
+    """The mean command over the motion is that of the held commands themselves."""
+    rng = np.random.default_rng(5)
+    clock = np.arange(1001) / 250
+    time = clock + np.concatenate([[0.0], rng.uniform(-5e-4, 5e-4, 999), [0.0]])
+    ramp = commanded(time, time)  # a command that says when it was given
+    shift = on(ramp, clock) - clock
+    assert abs(shift[1:-1].mean()) < 1e-4  # -2e-3, half a sample, if not averaged
+    held = np.sum(time[:-1] * np.diff(time))
+    assert np.isclose(on(ramp, clock)[:-1].sum() / 250, held, rtol=1e-12)
 
 
 def test_a_rate_may_be_less_than_one_hertz():

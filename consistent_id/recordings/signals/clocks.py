@@ -18,6 +18,7 @@ from consistent_id.recordings.recording import COMMANDS, Recording, instant
 _SLOWEST = 0.8  # new rate over old, below which resampling needs a filter first
 _FASTEST = 1.25  # new rate over old, above which samples are invented
 _JITTER = 1e-3  # steps that differ by less than this fraction count as uniform
+_SLIVER = 1e-6  # share of a sample up to which a stamp beside the clock is rounding
 
 
 def resampled(
@@ -150,7 +151,7 @@ def samples_at(rate: float, duration: float) -> int:
 def onto_clock(recording: Recording, clock: Vector) -> Recording:
     """Return a recording at other times, by cubic (C2) interpolation.
 
-    Commands are constant until the next.
+    Commands are constant until the next; see `held_commands`.
 
     Raises
     ------
@@ -193,10 +194,40 @@ def require_unfiltered(recording: Recording) -> None:
 
 
 def held_commands(recording: Recording, clock: Vector) -> dict[str, Matrix]:
-    """Return the commands in force at other times; each is constant until the next."""
-    place = np.searchsorted(recording.time, clock, side="right") - 1
+    """Return commands at other times, each the mean until the next of these times.
+
+    A command is valid from its stamp until the next stamp, and a returned one from its
+    time until the next.  Both have the same integral over time, so commands come
+    neither early nor late, also where stamps are a little behind the clock.  Where
+    stamps and clock agree, values are the same to the last bit.
+
+    Parameters
+    ----------
+    recording : Recording
+        Before its first stamp the first command is valid, after its last the last.
+    clock : ndarray, shape (instants,), [s]
+        Increasing.  The last interval is as long as the one before.
+    """
+    time = recording.time
+    step = clock[-1] - clock[-2] if len(clock) > 1 else 1.0 / recording.rate
+    ends = np.append(clock, clock[-1] + step)
+    inside = time[(time > ends[0]) & (time < ends[-1])]
+    starts = np.sort(np.concatenate([clock, inside]))
+    widths = np.diff(starts, append=ends[-1])
+    cells = np.searchsorted(clock, starts, side="right") - 1
+    kept = widths > _SLIVER * np.diff(ends)[cells]
+    starts, widths, cells = starts[kept], widths[kept], cells[kept]
+    weights = (widths / np.bincount(cells, widths)[cells])[:, None]
+    place = np.maximum(np.searchsorted(time, starts, side="right") - 1, 0)
+    first = np.searchsorted(cells, np.arange(len(clock)))
+
+    def means(values: Matrix) -> Matrix:
+        begin = values[place[first]]  # exact where nothing changes
+        steps = weights * (values[place] - begin[cells])
+        return np.asarray(begin + np.add.reduceat(steps, first))
+
     return {
-        channel: values[np.maximum(place, 0)]
+        channel: means(values)
         for channel in COMMANDS
         if (values := getattr(recording, channel)) is not None
     }
