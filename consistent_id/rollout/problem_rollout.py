@@ -184,8 +184,8 @@ class ProblemRollout:
         if s.simulated:
             notes.append("only drive terms that MuJoCo has")
         if s.spring is not None:
-            which = "all joints have" if s.spring else "no joint has"
-            notes.append(f"{which} a spring in its torque")
+            which = "each" if s.spring else "no"
+            notes.append(f"{which} joint has a spring in its torque")
         if not s.couplings:
             notes.append(
                 "without the problem's coupled gears, which do not predict better"

@@ -38,7 +38,10 @@ from consistent_id.rollout.chosen_settings import (  # noqa: E402
 )
 from consistent_id.rollout.commanded_motion import replay  # noqa: E402
 from consistent_id.rollout.delay_search import MOST  # noqa: E402
-from consistent_id.rollout.problem_rollout import rollout_of  # noqa: E402
+from consistent_id.rollout.problem_rollout import (  # noqa: E402
+    ProblemRollout,
+    rollout_of,
+)
 from consistent_id.rollout.refined_parts import RIDGES  # noqa: E402
 from consistent_id.rollout.refinement_choice import chosen_ridge  # noqa: E402
 from consistent_id.rollout.replay_model import SEARCH_STEP  # noqa: E402
@@ -365,6 +368,14 @@ def test_slopes_are_given_to_the_motors_that_are_worth_it():
         found = _with_slopes(Settings(friction_slope=begin), groups, error)
         # A slope of c brings less than its worth, one of d does harm.
         assert found.friction_slope == ("a", "b")
+
+
+@pytest.mark.parametrize(("spring", "which"), [(True, "each"), (False, "no")])
+def test_whether_joints_have_springs_is_a_sentence(folder, spring, which):
+    study = Study(load_problem(folder))
+    choice = SettingsChoice(Settings(spring=spring), 1e-3, ())
+    table = ProblemRollout(study, None, None)._settings_table(choice)
+    assert f"{which} joint has a spring in its torque" in table.notes
 
 
 @pytest.mark.parametrize("spring", [True, False])
