@@ -137,7 +137,7 @@ def _export(options: argparse.Namespace) -> Answer:
         copy_files=options.copy_files,
         gains=chosen.gains,
         delay=delay,
-        commands=_commands(chosen, options.format, delay),
+        **_logs_of_drives(chosen, options.format, delay),
     )
     written = None if options.dry_run else export.save(options.output)
     more = chosen.estimate.notes
@@ -180,19 +180,31 @@ class _Page(NamedTuple):
     drives: Path | None
 
 
-def _commands(chosen: _Chosen, form: str, delay: float) -> tuple[str, ...]:
-    """Return the commands that drives take beside that of position, if logs are known.
+def _logs_of_drives(chosen: _Chosen, form: str, delay: float) -> dict[str, Any]:
+    """Return the commands that drives take beside that of position, and the logs.
 
-    They are needed only where drives are written, whose note names them.
+    They are needed only where drives are written.  Positions are those of the logs
+    themselves, torques those of prepared ones, as in fits.
     """
     if form != "mjcf" or delay == 0.0 or chosen.gains is None:
-        return ()
-    _, logs = _logged(chosen)
-    return tuple(
+        return {}
+    from consistent_id.errors import ConsistentIdError
+    from consistent_id.problems.study import Study
+
+    problem, logs = _logged(chosen)
+    commands = tuple(
         name
         for name in ("velocity", "torque")
         if any(getattr(log, f"{name}_command") is not None for log in logs)
     )
+    if problem is None:
+        return {"commands": commands}
+    try:
+        study = chosen.study or Study(problem)
+        all_of_them = [*problem.logs("training"), *study.training, *study.validation]
+    except ConsistentIdError:  # as where errors are measured, which says why
+        return {"commands": commands, "logs": logs}
+    return {"commands": commands, "logs": [*logs, *all_of_them]}
 
 
 def _logged(chosen: _Chosen) -> "tuple[Problem | None, Sequence[Recording]]":

@@ -133,6 +133,13 @@ for k in np.flatnonzero(model.actuator_delay):
     mujoco.mj_initCtrlHistory(model, data, k, None, late)
 ```
 
+Its rollout error is that of motion without contacts and joint limits, with
+
+```python
+off = mujoco.mjtDisableBit
+model.opt.disableflags |= off.mjDSBL_CONTACT | off.mjDSBL_LIMIT
+```
+
 The file has a short time step, for which `nsample` holds the delay. With a shorter one,
 raise `nsample` above the delay over the step: MuJoCo takes a buffer that is too short
 in silence. With a longer one, errors by the step grow, and a delay below one step acts

@@ -8,7 +8,7 @@ cannot express.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from importlib import import_module
@@ -23,6 +23,7 @@ from consistent_id.errors import ProblemError
 
 if TYPE_CHECKING:  # `consistent-id --help` lists the formats
     from consistent_id.estimation.estimate import Estimate
+    from consistent_id.recordings.recording import Recording
     from consistent_id.recordings.signals import PDGains
     from consistent_id.robot.loaders.urdf_in_place import Edit, XmlText
     from consistent_id.robot.model import Joint
@@ -226,6 +227,7 @@ def exported(
     gains: "PDGains | None" = None,
     delay: float = 0.0,
     commands: tuple[str, ...] = (),
+    logs: "Sequence[Recording]" = (),
     allow_refused: bool = False,
 ) -> "Export":
     """Return an estimate in a format.
@@ -247,6 +249,8 @@ def exported(
     commands : tuple of str
         ``velocity`` and ``torque``, if the joints take such commands beside those of
         position.
+    logs : sequence of Recording
+        Motions that drives have to be able to make; see `to_mjcf`.
 
     Raises
     ------
@@ -266,7 +270,7 @@ def exported(
         if known.has_assets:
             options |= {"folder": folder, "copy_files": copy_files}
     if known.has_drives:
-        options["commands"] = commands
+        options |= {"commands": commands, "logs": logs}
     if known.takes_gains or known.has_drives:
         options |= {"gains": gains, "delay": delay}
     module = import_module(f"consistent_id.export.{known.module}")

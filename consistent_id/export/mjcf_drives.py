@@ -7,17 +7,20 @@ the same delay.  In a file of the robot they take the place of its own actuators
 these joints; all other bytes stay as they are.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from consistent_id._support.arrays import Matrix
 from consistent_id.errors import ModelError
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.export_formats import SideFile
 from consistent_id.export.mjcf_assets import set_section
 from consistent_id.export.mjcf_bodies import require_mujoco
+from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
 from consistent_id.robot.loaders.urdf_in_place import Edit, XmlText, number
 from consistent_id.robot.loaders.xml import Element
@@ -30,9 +33,20 @@ STEP = 5e-4
 
 _SPARE = 2  # samples of the buffer: one at either end
 _CLOSE = 1e-12  # relative; of numbers that are read back
+_EXCEEDED = 1.05  # times a limit: drives at theirs measure a little more, by noise
+_LEFT = 1e-6  # [rad or m] beyond a limit of position that is rounding
 
 FURTHER = ("velocity", "torque")
 """Commands that drives may take beside that of position."""
+
+
+_BEGIN = b"""<!-- Controls are late. MuJoCo begins with late controls of zero, which
+move the robot. Begin with the first command of each actuator, after mj_resetData:
+  for k in np.flatnonzero(model.actuator_delay):
+      late = np.full((model.actuator_history[k][0], 1), command[k])
+      mujoco.mj_initCtrlHistory(model, data, k, None, late)
+-->
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +65,8 @@ class DelayedDrives:
     exceeded : tuple of str
         Joints whose torque was larger than their limit in the robot's file, which
         cannot be that of the drives then.  They have none but a stated one.
+    reached : tuple of (float, float), [rad or m]
+        Lowest and highest logged position of each joint, if it is known.
 
     Raises
     ------
@@ -63,6 +79,7 @@ class DelayedDrives:
     delay: float
     further: tuple[str, ...] = ()
     exceeded: tuple[str, ...] = ()
+    reached: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 < self.delay < np.inf:
@@ -79,10 +96,56 @@ class DelayedDrives:
         return int(np.ceil(self.delay / step)) + _SPARE
 
 
+def delayed_drives(
+    estimate: Estimate,
+    gains: PDGains,
+    delay: float,
+    further: tuple[str, ...] = (),
+    logs: Sequence[Recording] = (),
+) -> DelayedDrives:
+    """Return the drives of an estimate, with what its data say about limits.
+
+    Parameters
+    ----------
+    gains : PDGains
+    delay : float, [s]
+    further : tuple of str
+        See `DelayedDrives`.
+    logs : sequence of Recording
+        Further motions of the robot; their torques and positions count, too.
+    """
+    joints = estimate.model.robot.joint_names
+    largest = dict.fromkeys(joints, 0.0)
+    if (fit := estimate.fit) is not None:
+        largest |= dict(zip(fit.joints, fit.efforts.tolist(), strict=True))
+    known = [log.of(joints) for log in logs if set(joints) <= set(log.joints)]
+    limits = {j.name: j.limits.effort for j in estimate.model.robot.joints}
+    for peaks in map(_peaks, known):
+        for joint, peak in zip(joints, peaks, strict=True):
+            if limits[joint] > 0.0:  # zero: not known
+                largest[joint] = max(largest[joint], peak / limits[joint])
+    exceeded = tuple(joint for joint in joints if largest[joint] > _EXCEEDED)
+    reached = tuple[tuple[float, float], ...]()
+    if known:
+        q: Matrix = np.vstack([log.position for log in known])
+        lowest, highest = q.min(axis=0).tolist(), q.max(axis=0).tolist()
+        reached = tuple(zip(lowest, highest, strict=True))
+    own = gains.of(len(joints))
+    return DelayedDrives(joints, own, delay, further, exceeded, reached)
+
+
+def _peaks(log: Recording) -> list[float]:
+    """Return each joint's largest known torque, zero if there is none."""
+    if log.torque is None:
+        return [0.0] * len(log.joints)
+    known = True if log.torque_known is None else log.torque_known
+    return np.where(known, abs(log.torque), 0.0).max(axis=0).tolist()  # type: ignore[no-any-return]
+
+
 def drives_file(
     content: bytes, compiled: Callable[[bytes], Any], drives: DelayedDrives
-) -> tuple[SideFile | None, str]:
-    """Return an MJCF file with drives that are late, and a note on it.
+) -> tuple[SideFile | None, tuple[str, ...]]:
+    """Return an MJCF file with drives that are late, and notes on it.
 
     There is no file, and the note says why, if the robot's file has actuators that
     cannot be replaced, or the drives have springs.
@@ -98,12 +161,12 @@ def drives_file(
     try:
         return _written(content, compiled, drives)
     except ModelError as cause:
-        return None, f"no file with drives and their delay was made: {cause}"
+        return None, (f"no file with drives and their delay was made: {cause}",)
 
 
 def _written(
     content: bytes, compiled: Callable[[bytes], Any], drives: DelayedDrives
-) -> tuple[SideFile, str]:
+) -> tuple[SideFile, tuple[str, ...]]:
     if np.isfinite(drives.gains.stiffness).any():
         raise ModelError("the springs behind motors are not in the file either")
     model, document = compiled(content), XmlText.of(content)
@@ -123,7 +186,9 @@ def _written(
     option = {"timestep": number(step), "integrator": "implicitfast"}
     place = _ActuatedFile(document, model, elements)
     lines = _DriveLines(drives, step)
+    start = document.root.start
     edits = [
+        Edit(start, start, _BEGIN),
         *set_section(document, "option", option),
         *_actuators(place, lines),
         *_limits(place, drives),
@@ -131,7 +196,8 @@ def _written(
     ]
     written = document.spliced(edits)
     _require_drives(compiled(written), drives, step)
-    return SideFile(SUFFIX, written), _note(drives, step)
+    notes = (_note(drives, step), *_left_limits(model, drives))
+    return SideFile(SUFFIX, written), notes
 
 
 def _note(drives: DelayedDrives, step: float) -> str:
@@ -147,6 +213,23 @@ def _note(drives: DelayedDrives, step: float) -> str:
         f"which act {1e3 * acts:.3g} ms late{short}, in steps of {1e3 * step:g} ms; "
         f"they are in place of the file's own actuators{without * bool(beyond)}"
     )
+
+
+def _left_limits(model: Any, drives: DelayedDrives) -> list[str]:
+    """Return the note on joints whose logged positions leave the file's limits."""
+    left = []
+    for joint, (lowest, highest) in zip(drives.joints, drives.reached, strict=False):
+        j = model.joint(joint).id
+        lower, upper = model.jnt_range[j]
+        beyond = max(lower - lowest, highest - upper)
+        if model.jnt_limited[j] and beyond > _LEFT:
+            left.append(f"{joint} {1e3 * beyond:.3g}")
+    if not left:
+        return []
+    return [
+        "logged positions are beyond the file's joint limits, by [mrad or mm]: "
+        f"{', '.join(left)}; MuJoCo stops these joints there unless its limits are off"
+    ]
 
 
 class _ActuatedFile(NamedTuple):

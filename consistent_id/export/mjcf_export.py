@@ -12,7 +12,7 @@ rates and dampers ``d1 - b`` and ``d2 - b`` on each; rotor inertias likewise, an
 Coulomb friction of the sum is the tendon's own.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -50,12 +50,13 @@ from consistent_id.export.mjcf_bodies import (
     set_body,
     spec_tree,
 )
-from consistent_id.export.mjcf_drives import DelayedDrives, drives_file
+from consistent_id.export.mjcf_drives import delayed_drives, drives_file
 from consistent_id.export.mjcf_in_place import (
     compiled_content,
     exact_xml,
     put_in_place,
 )
+from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.mjcf import quaternion_matrix
@@ -239,7 +240,6 @@ def _number(item: Any, name: str) -> float:
 
 
 WEAK = 1e-4  # stiffness over offset, [1/rad] or [1/m], of a spring that is a preload
-_EXCEEDED = 1.05  # times a limit: drives at theirs measure a little more, by noise
 _EXPRESSED = ("damping", "friction", "armature", "stiffness")
 _DRIVE = ("damping", "frictionloss", "armature", "stiffness")
 
@@ -260,6 +260,7 @@ def to_mjcf(
     gains: PDGains | None = None,
     delay: float = 0.0,
     commands: tuple[str, ...] = (),
+    logs: Sequence[Recording] = (),
     allow_refused: bool = False,
 ) -> Export:
     """Return MJCF with explicit inertials, armature, damping, friction loss, springs.
@@ -287,6 +288,9 @@ def to_mjcf(
     commands : tuple of str
         ``velocity`` and ``torque``, if the joints take such commands beside those of
         position.
+    logs : sequence of Recording
+        Further motions that the drives can make: limits of torque that these exceed are
+        left out, as those that the training data exceed.
     allow_refused : bool
         Export refused estimates, too; MuJoCo does not accept all of them.
 
@@ -333,29 +337,12 @@ def to_mjcf(
     if gains is None or delay == 0.0:
         return made
     require_type(gains, PDGains, "gains")
-    joints = estimate.model.robot.joint_names
-    own, exceeded = gains.of(len(joints)), _exceeded(estimate)
-    drives = DelayedDrives(joints, own, delay, commands, exceeded)
-    return _with_drives(made, drives, source)
-
-
-def _exceeded(estimate: Estimate) -> tuple[str, ...]:
-    """Return joints whose torque was larger than their limit, as far as it is known."""
-    if (fit := estimate.fit) is None:
-        return ()
-    pairs = zip(fit.joints, fit.efforts, strict=True)
-    return tuple(joint for joint, effort in pairs if effort > _EXCEEDED)
-
-
-def _with_drives(
-    made: Export, drives: DelayedDrives, source: str | Path | None
-) -> Export:
-    """Return an export with a file of drives beside it, or a note why there is none."""
+    drives = delayed_drives(estimate, gains, delay, commands, logs)
     place = None if source is None else Path(source)
     side, note = drives_file(
         made.content, lambda content: compiled_content(content, place), drives
     )
-    return replace(made, side=side, notes=(*made.notes, note))
+    return replace(made, side=side, notes=(*made.notes, *note))
 
 
 @exporter("mjcf")

@@ -270,7 +270,8 @@ class FileError:
             return [
                 late,
                 f"rollout error of {self.drives}, read back, with its own drives and "
-                f"delay: {1e3 * self.of_drives:.2f} mrad (mm)",
+                f"delay: {1e3 * self.of_drives:.2f} mrad (mm); its history filled with "
+                "the first command, contacts and joint limits off",
             ]
         return [
             late,

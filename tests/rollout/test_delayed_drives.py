@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import fields, replace
+from textwrap import dedent
 
 import numpy as np
 import pytest
@@ -151,6 +152,7 @@ def test_its_error_is_that_of_the_estimate(leg, tmp_path):
     assert "with commands 13.40 ms late" in first
     assert "out.drives.xml, read back, with its own drives and delay: " in second
     assert f"{1e3 * found.of_drives:.2f} mrad" in second
+    assert "first command, contacts and joint limits off" in second
 
 
 def test_feedback_is_not_late(leg, tmp_path):
@@ -251,6 +253,40 @@ def test_a_limit_that_the_torque_exceeded_is_no_drives_limit(tmp_path, further):
     model = mujoco.MjModel.from_xml_path(str(drives))
     most = model.jnt_actfrcrange if further else model.actuator_forcerange
     assert most[hip if further else 0].tolist() == [-12.0, 12.0]
+
+
+def test_limits_that_another_log_exceeded_are_left_out_and_positions_noted(tmp_path):
+    """A validation log may be faster than the training data."""
+    file = tmp_path / "leg.xml"
+    weak = LEG.replace('range="-3 3"', 'range="-1 0.45" actuatorfrcrange="-9 9"')
+    file.write_text(weak.format(more=""))
+    own, log = exceeding(estimate(file), [0.5, 0.5]), commands()
+    q = np.zeros(log.position.shape)
+    q[3, 0] = 0.466  # 16 mrad beyond the hip's limit
+    tau = np.tile([9.4, -9.5], (len(q), 1))
+    logs = [replace(log, position=q), replace(log, position=0.0 * q, torque=tau)]
+    drives = {"gains": GAINS, "delay": DELAY, "allow_refused": True}
+    made = to_mjcf(own, file, logs=logs, **drives)
+    assert "file's limits for knee, whose torque" in made.notes[-2]
+    assert "joint limits, by [mrad or mm]: hip 16;" in made.notes[-1]
+    known = np.zeros(q.shape, dtype=bool)
+    logs = [replace(log, position=0.0 * q, torque=tau, torque_known=known)]
+    made = to_mjcf(own, file, logs=logs, **drives)
+    assert "limits" not in made.notes[-1]
+
+
+def test_the_file_says_how_to_begin_with_the_first_command(leg, tmp_path):
+    drives = written(estimate(leg), leg, tmp_path / "out.xml")
+    recipe = drives.read_text().partition("mj_resetData:\n")[2].partition("-->")[0]
+    model = mujoco.MjModel.from_xml_path(str(drives))
+    data = mujoco.MjData(model)
+    given = {"np": np, "mujoco": mujoco, "model": model, "data": data}
+    command = np.linspace(0.4, -0.3, model.nu)
+    exec(dedent(recipe), given | {"command": command})
+    mujoco.mj_step(model, data)
+    late = np.flatnonzero(model.actuator_delay)
+    assert len(late) == 2
+    assert data.actuator_force[late] == pytest.approx(GAINS.kp * command[late])
 
 
 def test_of_several_commands_the_sum_is_limited(leg, tmp_path):
