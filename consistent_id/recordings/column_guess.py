@@ -40,6 +40,7 @@ from consistent_id.recordings.column_words import (
     CHANNELS,
     channel_of,
     is_bare,
+    is_lone_command,
     says_unit_of,
     unit_of,
 )
@@ -256,7 +257,8 @@ def _choice_notes(
         notes.append(f"{channel} is read from {', '.join(each_name)}")
     is_doubtful = doubt(channel, best.text) >= DOUBTFUL
     only_bare = is_bare(best.text) and not channel_of(best.text)
-    if is_doubtful or only_bare or says_unit_of(channel, best.text):
+    lone = channel == "position_command" and is_lone_command(best.text)
+    if is_doubtful or only_bare or lone or says_unit_of(channel, best.text):
         notes.append(f"{best.text} is taken as the {channel}: no other column is")
     if also := rivals(best, others):
         notes.append(f"{channel} is read from {best.text}, not from {also}")

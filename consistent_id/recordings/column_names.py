@@ -18,6 +18,7 @@ from consistent_id.recordings.column_words import (
     is_bare,
     is_current,
     is_force,
+    is_lone_command,
     says_reading,
     says_unit_of,
     states,
@@ -315,6 +316,8 @@ def _name_patterns(
             return is_current(text) and not channel_of(text)
         if channel == "force":
             return is_force(text) and not channel_of(text)
+        if channel == "command":
+            return is_lone_command(text)
         return channel_of(text, observed) == channel
 
     found = _every_pattern(names, joints, all_joints)
@@ -375,7 +378,7 @@ def rank(channel: str, pattern: NamePattern) -> tuple[int, ...]:
         int(bool(words(pattern.text) & _OF_ANOTHER_BODY)),
         doubt(channel, pattern.text),
         int(bool(words(pattern.text) & _OF_A_MOTOR)),  # torques of motors, last
-        int("{joint}" not in pattern.text),
+        int("{joint}" not in pattern.text or bool(pattern.names)),  # exact names first
         int(not words(pattern.text) & _OF_JOINTS),
         int(_counts_another_thing(pattern.text)),
     )

@@ -12,6 +12,7 @@ from consistent_id.recordings.column_names import (
     DOUBTFUL,
     NamePattern,
     NumberedColumns,
+    columns_of_pattern,
     doubt,
     name_patterns,
     numbered_columns,
@@ -45,12 +46,6 @@ WITHOUT_TORQUE = (
 )
 
 GAINS = "KP,KD"  # in place of values that no log contains
-
-_EXAMPLES = {
-    "position": "q_{joint}",
-    "torque": "tau_{joint}",
-    "position_command": "q_des_{joint}",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,8 +149,29 @@ def candidates(
             channel, names, patterns, moved, known.all_joints, known.sliding
         )
     if channel in ("velocity", "position_command"):
-        return [pattern for pattern in patterns if pattern.joints == moved]
+        patterns = [pattern for pattern in patterns if pattern.joints == moved]
+    if channel == "position_command" and known.commands and not patterns:
+        lone = _lone_commands(names, moved, known)
+        return lone if len(lone) == 1 else []
     return patterns
+
+
+def _lone_commands(
+    names: Sequence[str], moved: tuple[str, ...], known: KnownColumns
+) -> list[NamePattern]:
+    """Return commands of the moving joints that do not say of what, each once.
+
+    Gains make torque of commands of position, so these are meant, if there is one.
+    """
+    patterns = name_patterns("command", names, moved, known.all_joints)
+    every = [
+        p for p in patterns if p.joints == moved and not (known.flat and p.is_array)
+    ]
+    each: dict[frozenset[str], NamePattern] = {}
+    for pattern in every:
+        here = [pattern.text] if pattern.is_array else columns_of_pattern(pattern)
+        each.setdefault(frozenset(here), pattern)
+    return list(each.values())
 
 
 def not_found(
@@ -170,8 +186,8 @@ def not_found(
     flag = channel.replace("_", "-")
     return RecordingError(
         f"{log}: found no column that is the {channel} of {shown(joints)}; the "
-        f"log has {shown(names, joints)}. Name it: --{flag} {_EXAMPLES[channel]}, or "
-        "with {number} for the joint's place from 1, {index} from 0." + more,
+        f"log has {shown(names, joints)}. Name it: --{flag} NAME, with {{joint}} for "
+        "the joint's name, {number} for its place from 1, {index} from 0." + more,
         options=options,
     )
 
@@ -188,6 +204,11 @@ def _advice(
     others = [run for run in runs if channel_of(run.pattern) == channel]
     others.sort(key=lambda run: doubt(channel, run.pattern))
     own = own_names(names) if channel == "position" else ()
+    if channel == "position_command":
+        lone = [p.text for p in _lone_commands(names, joints, known)]
+        if len(lone) > 1:
+            each = " or ".join(f"--position-command {shlex.quote(t)}" for t in lone)
+            return f" Several may be it: {each}", ""
     in_groups = _by_numbers(log, names, joints, known, arrays_of_a_group)
     if in_groups is not None:
         return in_groups

@@ -298,6 +298,21 @@ def is_torque_command(pattern: str) -> bool:
     return bool(commanded and _fitting(frozenset(said)) == ["torque"])
 
 
+def is_lone_command(pattern: str) -> bool:
+    """Return whether a pattern denotes a command, and no word says of what.
+
+    Examples
+    --------
+    >>> is_lone_command("{joint}.cmd"), is_lone_command("action_{number}")
+    (True, True)
+    >>> is_lone_command("tau_cmd_{joint}"), is_lone_command("{joint}_d")
+    (False, False)
+    """
+    said = words(pattern)
+    commands = (_COMMANDED | _COMMANDS | {"action", "actions"}) - {"d"}
+    return bool(said & commands) and said <= commands | _BARE - MEASURED
+
+
 def says_unit_of(channel: str, pattern: str) -> bool:
     """Return whether a pattern is a joint's name or number and a unit of the channel.
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from consistent_id import Columns, Recording, RecordingError, read_recording, resampled
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_proposals import KnownColumns
 from consistent_id.signals import PDGains, commanded
 
 TIME = np.arange(200) / 100.0
@@ -104,3 +106,49 @@ def test_commands_are_read_by_the_names_of_their_columns(tmp_path):
         read.position_command, log().position_command, atol=1e-15
     )
     assert read.torque is None
+
+
+def guessed(folder, names, joints=("hip", "knee"), **known):
+    """Return the guess of a log's columns, with gains for its commands."""
+    file, values = folder / "log.csv", np.column_stack([TIME, *[TIME] * len(names)])
+    header = ",".join(["time", *names])
+    np.savetxt(file, values[:50], delimiter=",", header=header, comments="")
+    return guess_columns(file, KnownColumns(joints, commands=True, **known))
+
+
+@pytest.mark.parametrize(
+    "form", "{}.cmd cmd_{} command_{} target_{} goal_{} action_{} {}_des".split()
+)
+def test_with_gains_a_lone_command_is_one_of_position(tmp_path, form):
+    names = [f.format(j) for f in ("{}_pos", form) for j in ("hip", "knee")]
+    found = guessed(tmp_path, names)
+    assert found.columns.position_command == form.format("{joint}")
+    assert "is taken as the position_command" in found.notes[0]
+    with pytest.raises(RecordingError, match="found no column that is the torque"):
+        guess_columns(tmp_path / "log.csv", KnownColumns(("hip", "knee")))
+    better = [*names, "q_des_hip", "q_des_knee"]
+    assert guessed(tmp_path, better).columns.position_command == "q_des_{joint}"
+
+
+def test_of_two_lone_commands_none_is_taken_and_only_real_columns_are_proposed(
+    tmp_path,
+):
+    names = ["hip_pos", "knee_pos", "cmd_hip", "cmd_knee", "goal_hip", "goal_knee"]
+    with pytest.raises(RecordingError) as caught:
+        guessed(tmp_path, names)
+    said = "--position-command 'cmd_{joint}' or --position-command 'goal_{joint}'"
+    assert said in str(caught.value)
+    for several in (["tau_cmd_hip", "tau_cmd_knee"], ["cmd_hip"], ["fan_1", "fan_2"]):
+        with pytest.raises(RecordingError, match="no column that is the") as caught:
+            guessed(tmp_path, ["hip_pos", "knee_pos", *several])
+        assert "q_des" not in str(caught.value)
+
+
+@pytest.mark.parametrize("stated", [{}, {"position_command": "commanded_{joint}"}])
+def test_exact_names_of_joints_go_before_their_numbers(tmp_path, stated):
+    """Numbers of joint_0.0 and joint_1.0 (an Allegro hand) would rename the joints."""
+    joints = ("joint_0.0", "joint_1.0")
+    names = [f"{kind}_{j}" for kind in ("measured", "commanded") for j in joints]
+    found = guessed(tmp_path, names, joints, channels=stated).columns
+    assert (found.position, found.names) == ("measured_{joint}", {})
+    assert found.position_command == "commanded_{joint}"
