@@ -9,11 +9,19 @@ import numpy as np
 import pytest
 from estimates import estimate_of
 
-from consistent_id import DriveTerms, ModelError, Recording, TorqueModel, to_mjcf
+from consistent_id import (
+    DriveTerms,
+    ModelError,
+    Recording,
+    TorqueModel,
+    load_problem,
+    to_mjcf,
+)
 from consistent_id.cli import main
 from consistent_id.estimation.fit import _PER_JOINT, Fit
 from consistent_id.export.actuator_config import readme
 from consistent_id.export.export_formats import exported
+from consistent_id.problems.study import Study
 from consistent_id.robot import load_mjcf
 from consistent_id.signals import PDGains
 
@@ -384,3 +392,28 @@ def test_the_shell_writes_them_and_their_error(tmp_path, capsys, delay):
         assert "deque" not in page.read_text()
     else:
         assert len(notes) == 1
+
+
+@pytest.mark.slow
+def test_the_shell_compares_limits_with_validation_logs_too(tmp_path):
+    write_leg(tmp_path, delay=DELAY)
+    stated = PROBLEM.replace("kd = 1.0", f"kd = 1.0\ndelay = {DELAY}")
+    (tmp_path / "problem.toml").write_text(stated)
+    study = Study(load_problem(tmp_path))
+    slow, fast = (
+        max(abs(log.torque[:, 0]).max() for log in logs)
+        for logs in (study.training, study.validation)
+    )
+    assert fast > 1.2 * slow  # the commands are a chirp
+    leg, limit = tmp_path / "leg.xml", 1.05 * slow
+    weak = f'name="hip" actuatorfrcrange="{-limit} {limit}"'
+    leg.write_text(leg.read_text().replace('name="hip"', weak, 1))
+    out, file = tmp_path / "out.xml", tmp_path / "of_training.json"
+    Study(load_problem(tmp_path)).recommended.with_verdict.save(file)
+    options = ["export", str(tmp_path), "--format", "mjcf", "--output", str(out)]
+    options += ["--estimate", str(file)]
+    kinds = ("misfit", "held-out error", "hidden factor", "lag", "limit")
+    accepted = [word for kind in kinds for word in ("--accept", kind)]
+    assert main([*options, *accepted]) == 0
+    drives = mujoco.MjModel.from_xml_path(str(tmp_path / "out.drives.xml"))
+    assert not drives.jnt_actfrclimited[drives.joint("hip").id]
