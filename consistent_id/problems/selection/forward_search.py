@@ -196,9 +196,9 @@ def _best_move(
 
 
 def _clear(evaluator: Evaluator, current: Evaluated, tried: _Tried) -> bool:
-    """Return whether a term clearly helps each joint that gets it, and all."""
+    """Return whether a term or width clearly helps each joint that gets it."""
     move, brought, after = tried
-    if move.kind not in REMOVABLE or brought.share <= 0.0:
+    if move.kind not in (*REMOVABLE, "velocity_scale") or brought.share <= 0.0:
         return False
     bodies = evaluator.setting.bodies
     rows = {name: row for row, name in enumerate(bodies.torque_joints)}
