@@ -267,13 +267,20 @@ def confirmed_slopes(
 def _cross_slopes(
     estimate: Estimate, recordings: Sequence[Recording], joints: Sequence[str]
 ) -> Slopes | None:
-    """Return slopes of joints' torque on the bodies estimated without these joints."""
+    """Return slopes of joints' torque on the bodies estimated without these joints.
+
+    None if the other joints determine no bodies, or if these joints have no rows by
+    themselves: rows of a floating base that feet hold belong to several joints.
+    """
     refit = without(estimate, recordings, joints=joints)
     if refit is None:
         return None
     own = replace(estimate.model, torque_joints=tuple(joints))
     bodies = refit.parameters[: own.layout.inertial_size]
-    regression = build_regression(own, recordings)
+    try:
+        regression = build_regression(own, recordings)
+    except NotExcitedError:
+        return None
     found = slopes_on(own, regression, bodies)
     # Of a line through residuals: their share, over as many as are independent.
     left = np.maximum(1.0 / np.maximum(found.explained, 1e-300) - 1.0, 0.0)

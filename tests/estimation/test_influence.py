@@ -16,6 +16,7 @@ from consistent_id import (
 )
 from consistent_id.estimation import judge
 from consistent_id.estimation.influence import (
+    _cross_slopes,
     _determined,
     _elsewhere,
     _lost,
@@ -126,6 +127,16 @@ def test_what_only_the_part_determines_is_not_small():
 def test_without_all_joints_there_is_no_estimate():
     model, log = logged(0)
     assert without(estimated(model, log), [log], joints=model.torque_joints) is None
+
+
+def test_joints_without_rows_of_their_own_have_no_slopes():
+    # As base.ny of a robot on its feet: its rows belong to several joints.
+    model, log = logged(0)
+    known = np.ones(log.position.shape, dtype=bool)
+    known[:, 1] = False
+    unknown = replace(log, torque_known=known)
+    joint = model.torque_joints[1:2]
+    assert _cross_slopes(estimated(model, log), [unknown], joint) is None
 
 
 @pytest.mark.slow
