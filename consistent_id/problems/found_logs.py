@@ -13,6 +13,7 @@ from consistent_id.problems.floating.floating_draft import (
     base_in_log,
     floating_columns,
 )
+from consistent_id.problems.locked_joints import locked_notes, require_positions
 from consistent_id.problems.log_entries import motion_of_joints
 from consistent_id.problems.nominal_gains import (
     LogRowsOfJoints,
@@ -214,6 +215,7 @@ def found_logs(
     gains_of(stated.torque_gain, len(robot.joint_names))
     kept = (f"{path} stands for a table in memory" for path in tables)
     said = () if log in tables else log_format(log).notes(log)
+    said += locked_notes(log, guess, known, stated.locked or {}, tables.get(log))
     found, notes = guess.columns, (*said, *guess.notes, *kept, *[felt] * bool(felt))
     if floating is not None:
         found = replace(found, beside=floating.beside)
@@ -337,7 +339,8 @@ def _guessed(
         A sentence on columns of a force/torque sensor, or nothing.
     """
     try:
-        guess = guess_columns(log, known.renamed(renamed))
+        guess = guess_columns(log, known := known.renamed(renamed))
+        require_positions(log, guess, known)
     except RecordingError as cause:
         said = f"{cause} {felt}".strip()
         raise RecordingError(

@@ -428,7 +428,7 @@ def _every_pattern(
         found.setdefault(pattern.text, pattern)
     for run in runs:
         for every in (joints, all_joints):
-            if len(run) == len(every):
+            if len(run) == len(every) and not _names_others(run, joints, all_joints):
                 pattern = _pattern_by_number(run, joints, every)
                 found.setdefault(pattern.text, pattern)
     return tuple(found.values())
@@ -479,6 +479,18 @@ def _pattern_by_name(
         return []
     present = tuple(j for j in joints if text.replace("{joint}", j) in known)
     return [NamePattern(text, present)] if present else []
+
+
+def _names_others(
+    run: NumberedColumns, joints: Sequence[str], all_joints: Sequence[str]
+) -> bool:
+    """Return whether columns have joints' names, a locked one's among them.
+
+    Then their numbers are part of the names, and count no joints.
+    """
+    columns = [run.name(place) for place in range(len(run) if all_joints else 0)]
+    named = [{j for j in all_joints if _is_whole(j, name)} for name in columns]
+    return all(named) and any(each.isdisjoint(joints) for each in named)
 
 
 def _pattern_by_number(

@@ -6,6 +6,8 @@ import pytest
 from consistent_id.errors import RecordingError
 from consistent_id.problems.nominal_gains import joint_rows
 from consistent_id.problems.robot_logs import robot_logs
+from consistent_id.problems.statement import Statement
+from consistent_id.recordings.column_names import columns_of_pattern, name_patterns
 from consistent_id.robot import load_urdf
 
 _LINK = (
@@ -93,3 +95,52 @@ def test_arrays_and_tables_without_names_propose_the_same(tmp_path):
     with pytest.raises(RecordingError, match="shape") as refused:
         robot_logs(files[0], tmp_path / "log.npz")
     assert refused.value.options == "--lock rail"
+
+
+def _named(folder, names, *, rail=0.0):
+    """Return the robot and a log of its arm, with columns beside those of the arm."""
+    t, q, torque = _torque_of_the_arm()
+    own = {"q_rail": rail * np.sin(t), "tau_rail": np.cos(t)}
+    table = np.column_stack([t, q, torque, *(own[name] for name in names)])
+    header = ",".join(["time", "q_a", "q_b", "tau_a", "tau_b", *names])
+    return _arm_on_a_rail(folder, header, table)
+
+
+def test_a_joint_with_torque_and_without_position_is_refused(tmp_path):
+    files = _named(tmp_path, ["tau_rail"])
+    said = r"torque of rail \(tau_rail\), but no position of it; .* q_a, q_b"
+    with pytest.raises(RecordingError, match=said) as refused:
+        robot_logs(*files)
+    assert "--lock rail" in str(refused.value)
+    assert not refused.value.options  # only the user knows that it stood still
+
+
+def test_a_joint_that_is_stated_to_stand_still_needs_no_position(tmp_path):
+    files = _named(tmp_path, ["tau_rail"])
+    found = robot_logs(*files, Statement(locked={"rail": 0.2}))
+    assert (found.robot.joint_names, found.locked) == (("a", "b"), {"rail": 0.2})
+
+
+def test_a_joint_without_any_column_is_locked(tmp_path):
+    assert robot_logs(*_named(tmp_path, [])).locked == {"rail": 0.0}
+
+
+def test_a_locked_joint_that_moves_in_the_log_is_refused(tmp_path):
+    files = _named(tmp_path, ["q_rail", "tau_rail"], rail=0.3)
+    with pytest.raises(RecordingError, match=r"rail moves by 0\.6 rad or m .*q_rail"):
+        robot_logs(*files, Statement(locked={"rail": 0.0}))
+
+
+def test_a_locked_joint_that_stands_elsewhere_is_noted(tmp_path):
+    robot, log = _named(tmp_path, ["q_rail"], rail=0.01)
+    near = robot_logs(robot, log, Statement(locked={"rail": 0.0}))
+    assert not any("is locked" in note for note in near.notes)
+    far = robot_logs(robot, log, Statement(locked={"rail": 0.4}))
+    assert any("rail is locked at 0.4" in note for note in far.notes)
+
+
+def test_numbers_in_names_of_joints_do_not_count_the_unlocked():
+    every = ("joint1", "joint2", "joint3", "gripper")
+    names = ["q_joint1", "q_joint2", "q_joint3"]
+    (found,) = name_patterns("position", names, ("joint1", "joint3", "gripper"), every)
+    assert columns_of_pattern(found) == ["q_joint1", "q_joint3"]

@@ -215,10 +215,12 @@ def test_check_reads_a_log_as_identify_does(arm, tmp_path, capsys):
     assert "position is in deg, according to AIPos.A{number}" in capsys.readouterr().out
 
 
-def test_a_joint_is_locked_where_the_shell_says(arm, capsys):
+def test_a_joint_is_locked_where_the_shell_says(arm, tmp_path, capsys):
     urdf, first, _, _ = arm
+    log = tmp_path / "log.csv"
+    log.write_text(first.read_text().replace("q_elbow", "x").replace("tau_elbow", "y"))
     plain = ["--no-select", "--cutoff", "10"]
-    arguments = ["init", str(urdf), str(first), *plain, "--dry-run"]
+    arguments = ["init", str(urdf), str(log), *plain, "--dry-run"]
     arguments += ["--lock", "elbow=0.5"]
     assert main(arguments) == 0
     text = capsys.readouterr().out
