@@ -24,6 +24,7 @@ from consistent_id.report.markup import Html
 from consistent_id.robot.model import Joint
 
 _FIRST = (Method.CONSTRAINED, Method.WEIGHTED_CONSTRAINED, Method.CROSS_VALIDATED)
+_UNKNOWN = "error to expect on a motion not seen: unknown, most of it would be guessed"
 _NOTABLE = 0.02  # relative difference of held-out errors
 
 
@@ -97,13 +98,12 @@ def advise(
     verdict = chosen.verdict
     rivals = [r for r in comparison.reports if r is not chosen]
     plain = next((r for r in rivals if _is_plain(r)), None)
-    expected = () if recommendation is None else (recommendation.statement,)
     others = "" if recommendation is None else recommendation.others
     return Advice(
         verdict,
         chosen.estimate.method if verdict.usable else "",
         verdict.compared(None if plain is None else plain.held_out_error),
-        expected,
+        _expected(recommendation, verdict),
         (
             *((others,) if others else ()),
             *(() if plain is None else (_against(plain),)),
@@ -111,6 +111,16 @@ def advise(
         verdict.lines,
         _better(chosen, rivals),
     )
+
+
+def _expected(
+    recommendation: Recommendation | None, verdict: Verdict
+) -> tuple[str, ...]:
+    """Return the error to expect; no figure where most of it would be guessed."""
+    if recommendation is None:
+        return ()
+    refused = [reason.kind for reason in verdict.reasons if reason.word == "do not use"]
+    return (_UNKNOWN if "mostly guessed" in refused else recommendation.statement,)
 
 
 def _first(comparison: Comparison) -> EstimateReport:

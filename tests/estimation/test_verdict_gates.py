@@ -106,6 +106,29 @@ def test_a_figure_of_the_fit_counts_from_its_gate(changes, expected):
     assert words(evidence(fit=fit(**changes))) == expected
 
 
+def extent(kind, size, recording="log.csv"):
+    return LogFinding(kind, "warning", "", "seen", "move", size, recording)
+
+
+@pytest.mark.parametrize(
+    ("finding", "guessed", "word"),
+    [
+        (extent("small motion", 1.1), 0.501, NO),
+        (extent("small motion", 1.1), 0.5, CARE),
+        (extent("short", 10.0), 0.9, NO),  # no joint turned back
+        (extent("short", 5.0), 0.9, CARE),
+        (extent("slow motion", 10.0), 0.9, CARE),
+        (extent("small motion", 9.0, "other.csv"), 0.9, CARE),  # held out
+    ],
+)
+def test_guesses_from_one_short_stretch_are_refused(finding, guessed, word):
+    found = evidence(fit=fit(guessed=guessed), findings=(finding,))
+    found = replace(found, held_out=(held_out(),))
+    assert words(found)["mostly guessed"] == word
+    good = replace(found, fit=fit(guessed=guessed, prior_errors=0.01))
+    assert words(good)["mostly guessed"] == NOTE
+
+
 HELD_OUT = [
     (held_out(0.12), {}),
     (held_out(0.121), {"held-out error": CARE}),

@@ -25,7 +25,7 @@ from consistent_id import (
 )
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.diagnosis.findings import LogFinding
-from consistent_id.estimation.verdict import percent
+from consistent_id.estimation.verdict import Reason, Verdict, percent
 from consistent_id.report import advise, comparison_html
 from consistent_id.report.links_section import (
     InertiaEllipsoid,
@@ -35,6 +35,7 @@ from consistent_id.report.links_section import (
 )
 from consistent_id.report.markup import Html, grid, tag, text
 from consistent_id.report.plot import buckets, extremes, packed
+from consistent_id.report.report_content import _expected
 from consistent_id.report.residuals_section import binned, residual_statistics
 from consistent_id.robot.inertia import InertialParameters
 
@@ -128,6 +129,15 @@ def test_a_faulty_log_is_said_first(experiment):
     assert "reversed" in advice.cautions[0]
     html = comparison_html(experiment.comparison, diagnosis=Diagnosis((fault,)))
     assert "do not use: constrained" in html
+
+
+def test_no_error_is_expected_where_most_of_it_would_be_guessed():
+    advised = SimpleNamespace(statement="error to expect: 4.7 %")
+    for word, said in (("use with care", "4.7 %"), ("do not use", "unknown")):
+        guessed = Reason("mostly guessed", word, "")
+        verdict = Verdict(word, "constrained", (guessed,))
+        (line,) = _expected(advised, verdict)
+        assert said in line
 
 
 def test_without_a_usable_estimate_none_is_advised(experiment):
