@@ -69,7 +69,7 @@ NO_BETTER_THAN_ZERO = 1.0  # error of predicting zero torque
 SPARE_CARE = 3.0  # effective samples per parameter; clean logs above have 11-40
 GUESSED_CARE = 0.3  # clean logs: 0.00; rich ones of real arms: 0.03-0.15
 GUESSED_REFUSED = 0.5  # beside motion that shows nothing: most of a joint's torque
-NO_TURN = 10.0  # size of the finding `short` where the median joint never turned back
+NO_TURN = 10.0  # score of the finding `short` where the median joint never turned back
 FRICTIONLESS = 0.01  # share of friction in the torque; drives have 10-80 %
 _WORDS: dict[str, Word] = {
     "fault": "do not use",
@@ -427,7 +427,7 @@ def _single_stretch(evidence: Evidence) -> LogFinding | None:
     held_out = {error.recording for error in evidence.held_out}
     for finding in evidence.findings:
         tiny = finding.kind == "small motion"
-        if tiny or (finding.kind == "short" and finding.size >= NO_TURN):
+        if tiny or (finding.kind == "short" and finding.score >= NO_TURN):
             if finding.recording not in held_out:
                 return finding
     return None
