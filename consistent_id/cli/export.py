@@ -115,6 +115,7 @@ class _Chosen:
 def _export(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable_file
     from consistent_id.export.export_formats import exported
+    from consistent_id.problems.problem_estimates import unmeasured_notes
 
     if not options.dry_run:
         require_writable_file(options.output)
@@ -142,6 +143,8 @@ def _export(options: argparse.Namespace) -> Answer:
     written = None if options.dry_run else export.save(options.output)
     more = chosen.estimate.notes
     cost, errors = _torque_error(chosen, options.format, source)
+    errors = [*unmeasured_notes(chosen.estimate.model), *errors]
+    more = tuple(note for note in more if note not in errors)
     if written is not None:
         page = _Page(options.format, written, delay, None)
         if options.format == "mjcf" and export.side is not None:

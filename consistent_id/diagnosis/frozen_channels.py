@@ -1,5 +1,7 @@
 """Channels that stand still while the robot moves, and logs that stand still."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from consistent_id._support.arrays import Vector
@@ -24,6 +26,8 @@ _GROWS = 2.0  # growth of differences by two orders: 3.4 of white noise
 _ROUNDED = 2.0  # second difference over rounding that is more than this: noise
 _ROUNDING = 1e-9  # of the largest value: rounding, at least
 _ONE_STEP = 1.5  # steps between one and two
+_OF_POSITIONS = ("encoder scale", "degrees", "position sign", "offset zero")
+_CONSTANT = 1e-9  # rad or m: rounding of a filter
 _TINY = 1e-300  # s^2: least divisor
 
 
@@ -152,10 +156,41 @@ def _frozen(
         "dead channel" if whole else "frozen channel",
         "fault",
         joint,
-        f"{joint}: {name} is {value:.4g} {when}, while the joint moves",
+        f"{joint}: {name} is {value + 0.0:.4g} {when}, while the joint moves",
         "check the column and its sensor; leave the rows out, or the joint out of "
         "torque_joints",
         10.0,
+    )
+
+
+def named_as_constant(finding: LogFinding, log: Recording) -> LogFinding:
+    """Return a finding about a joint's position, or that this position never changes.
+
+    Without a velocity, a joint that stands still and a dead channel look alike, until
+    another position explains the torque better.
+
+    Parameters
+    ----------
+    finding : LogFinding
+        A scale, sign, unit or zero that explains the log.
+    log : Recording
+        In which it was found.
+    """
+    if finding.kind not in _OF_POSITIONS or finding.where not in log.joints:
+        return finding
+    joint = finding.where
+    position = log.position[:, log.joints.index(joint)]
+    if np.ptp(position) > _CONSTANT:
+        return finding
+    return replace(
+        finding,
+        kind="dead channel",
+        statement=f"{joint}: position is {position[0] + 0.0:.4g} throughout: the "
+        f"channel never changes, and the torque is that of another position "
+        f"({finding.statement})",
+        advice=f"check the column of {joint} and its encoder; if it stood still "
+        f"elsewhere, state where: --lock {joint}=POSITION",
+        size="",
     )
 
 

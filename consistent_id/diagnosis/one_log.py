@@ -34,7 +34,11 @@ from consistent_id.diagnosis.explain import (
 )
 from consistent_id.diagnosis.factor_logs import FactorLogs
 from consistent_id.diagnosis.findings import LogFinding
-from consistent_id.diagnosis.frozen_channels import frozen_findings, standing_findings
+from consistent_id.diagnosis.frozen_channels import (
+    frozen_findings,
+    named_as_constant,
+    standing_findings,
+)
 from consistent_id.diagnosis.signal_faults import (
     hold_findings,
     jump_findings,
@@ -227,7 +231,7 @@ def _dynamic(
     found = explanations(as_is, candidates, noise)
     best = found.best
     if best is not None and not best.cause.excuse:
-        return [explanation_finding(best)]
+        return [named_as_constant(explanation_finding(best), prepared)]
     if guessed:
         rivals = any(e.cause.excuse == 0 for e in found.explained)
         return [_undecided(f, found) for f in guessed] if rivals else guessed

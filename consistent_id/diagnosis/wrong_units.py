@@ -8,9 +8,11 @@ import shlex
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector
+from consistent_id._support.tables import some_of
 from consistent_id.diagnosis.clock import velocity_findings
 from consistent_id.diagnosis.findings import FoundUnit, LogFinding
-from consistent_id.recordings.readers.units import COUNTS
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.readers.units import COUNTS, Units
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.recordings.signals.drive_limits import SPEED_ROUNDING, beyond_speed
 from consistent_id.robot.model import RobotModel
@@ -20,6 +22,7 @@ _TRAVEL = 2.0  # times the range of a joint's limits: more than careless limits 
 _ONE_TRAVEL = 5.0  # the same for a single joint, whose limits may be a guess
 _MOST = 0.5  # of the joints
 _DEGREES = 180.0 / np.pi
+_LENGTHS = {"mm": 1e-3, "cm": 1e-2}
 _TURN = 360.0  # degrees
 
 _BITS = range(9, 25)  # of encoders that count a turn from zero
@@ -43,13 +46,19 @@ def travel_findings(robot: RobotModel, log: Recording) -> list[LogFinding]:
     log : Recording
         With the robot's joints, in their order.
     """
+    slid = [
+        _travel_of_sliding(name, share)
+        for name, share in zip(*_shares_of_limits(robot, log, "prismatic"), strict=True)
+        if share > _ONE_TRAVEL
+    ]
     if (unit := travel_unit(robot, log)) is not None:
-        return [unit.finding]
+        return [unit.finding, *slid]
     names, share = _shares_of_limits(robot, log)
     alone = share > _ONE_TRAVEL
     if alone.sum() > _MOST * len(share):
-        return []
-    return [_travel_of_one(names[j], float(share[j])) for j in np.flatnonzero(alone)]
+        return slid
+    places = np.flatnonzero(alone)
+    return [*(_travel_of_one(names[j], float(share[j])) for j in places), *slid]
 
 
 def travel_unit(robot: RobotModel, log: Recording) -> FoundUnit | None:
@@ -78,13 +87,13 @@ def travel_unit(robot: RobotModel, log: Recording) -> FoundUnit | None:
 
 
 def _shares_of_limits(
-    robot: RobotModel, log: Recording
+    robot: RobotModel, log: Recording, kind: str = "revolute"
 ) -> tuple[tuple[str, ...], Vector]:
-    """Return the limited joints that turn, and their travel over its limits' range."""
+    """Return the limited joints of a kind, and their travel over its limits' range."""
     limits = [joint.limits for joint in robot.driven]
     width = np.array([limit.upper - limit.lower for limit in limits])
-    turning = np.array([joint.kind == "revolute" for joint in robot.driven])
-    limited = turning & np.isfinite(width) & (width > 0.0)
+    alike = np.array([joint.kind == kind for joint in robot.driven])
+    limited = alike & np.isfinite(width) & (width > 0.0)
     share = np.ptp(log.position, axis=0)[limited] / width[limited]
     return tuple(np.array(robot.joint_names)[limited].tolist()), share
 
@@ -170,6 +179,39 @@ def _travel_of_one(joint: str, share: float) -> LogFinding:
         "check unit and gear ratio of its position and velocity (--position-scale "
         f"{joint}=FACTOR), or correct its limits",
         share / _ONE_TRAVEL,
+    )
+
+
+def _travel_of_sliding(joint: str, share: float) -> LogFinding:
+    return LogFinding(
+        "encoder scale",
+        "fault",
+        joint,
+        f"{joint} slides {share:.3g} times the range of its limits, which are in m: "
+        f"{share / 1000.0:.2g} times if its position is in mm",
+        f"state its unit alone (--position-scale {joint}=0.001 for mm), or correct its "
+        "limits",
+        share / _ONE_TRAVEL,
+    )
+
+
+def require_lengths_of_sliding(robot: RobotModel, units: Units) -> None:
+    """Refuse one unit of length for the positions of joints of which some turn.
+
+    Raises
+    ------
+    RecordingError
+        With these joints, and the options for those that slide.
+    """
+    unit = units.get("position", "")
+    turning = [joint.name for joint in robot.driven if joint.kind == "revolute"]
+    if not isinstance(unit, str) or unit not in _LENGTHS or not turning:
+        return
+    sliding = [joint.name for joint in robot.driven if joint.kind == "prismatic"]
+    scales = " ".join(f"{name}={_LENGTHS[unit]:g}" for name in sliding)
+    do = f"; leave it out, and state --position-scale {scales}" * bool(sliding)
+    raise RecordingError(
+        f"positions are stated to be in {unit}, but {some_of(turning)} turn{do}"
     )
 
 

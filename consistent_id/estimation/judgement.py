@@ -176,7 +176,7 @@ def _of_findings(evidence: Evidence) -> Iterator[Reason]:
         word: Word = _WORDS[finding.severity]
         places = dict.fromkeys((finding.recording, finding.where))
         where = ", ".join(place for place in places if place)
-        said = f"{where}: {finding.statement}"
+        said = f"{where}: {finding.statement.removeprefix(f'{finding.where}: ')}"
         held_out = {error.recording for error in evidence.held_out}
         learnt = finding.recording not in held_out
         if word == "use with care" and learnt and _mistimed(finding, evidence):

@@ -300,12 +300,11 @@ def _joined(lead: Reason, alike: Sequence[Reason]) -> Reason:
     free = f'check {listed}; if masses are not known, masses = "free" (--masses free)'
     known = lead.word == "do not use" and lead.kind != "gain or unit"
     mends = lead.advice if known else ""
-    return replace(
-        lead,
-        statement="; ".join((lead.statement, *sizes)),
-        advice=f"{mends or free}; if all this is known to be right, --accept "
-        f'"{lead.kind}"',
-    )
+    accept = f'--accept "{lead.kind}"'
+    done = mends or free
+    if accept not in done:
+        done += f"; if all this is known to be right, {accept}"
+    return replace(lead, statement="; ".join((lead.statement, *sizes)), advice=done)
 
 
 def _few(names: tuple[str, ...]) -> tuple[str, ...]:

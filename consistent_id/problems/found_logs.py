@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from consistent_id.diagnosis.wrong_units import require_lengths_of_sliding
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.problems.floating.base_guess import widths_of
 from consistent_id.problems.floating.floating_draft import (
@@ -212,6 +213,7 @@ def found_logs(
     if log not in tables and "position" not in guess.columns.units:
         _require_usual_units(log, guess)
     robot, locked = _with_locked(model, stated, robot, guess.joints)
+    require_lengths_of_sliding(robot, guess.columns.units)
     gains_of(stated.torque_gain, len(robot.joint_names))
     kept = (f"{path} stands for a table in memory" for path in tables)
     said = () if log in tables else log_format(log).notes(log)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from consistent_id._support.executors import single_threaded, worker_threads
+from consistent_id._support.tables import some_of
 from consistent_id.constraints import PhysicalConsistency
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
@@ -34,6 +35,7 @@ from consistent_id.problems.robot_preparation import regression_of
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import (
     UnconstrainedFit,
     noise_levels,
@@ -140,9 +142,23 @@ def slack_choices(
 
 
 def noted(estimate: Estimate, slacks: Mapping[Method, SlackChoice]) -> Estimate:
-    """Return an estimate with a note on how its slack was chosen, if it was."""
+    """Return an estimate with notes on its slack, if chosen, and unmeasured joints."""
     more = slack_notes(slacks, estimate.method)
-    return replace(estimate, notes=(*estimate.notes, *more))
+    unmeasured = unmeasured_notes(estimate.model)
+    return replace(estimate, notes=(*unmeasured, *estimate.notes, *more))
+
+
+def unmeasured_notes(model: TorqueModel) -> tuple[str, ...]:
+    """Return a note on joints without measured torque; none if the base floats."""
+    if model.robot.floating or not model.robot.connected:
+        return ()
+    names = [j for j in model.robot.joint_names if j not in model.torque_joints]
+    if not names:
+        return ()
+    return (
+        f"the torque of {some_of(names)} is not measured: its drive is unknown, and "
+        "errors leave it out",
+    )
 
 
 def slack_notes(slacks: Mapping[Method, SlackChoice], method: str) -> tuple[str, ...]:

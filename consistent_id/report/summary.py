@@ -22,6 +22,7 @@ from consistent_id.estimation.method import Method
 from consistent_id.estimation.recommendation import SlackChoice
 from consistent_id.estimation.verdict import percent
 from consistent_id.problems.opening import Opened
+from consistent_id.problems.problem_estimates import unmeasured_notes
 from consistent_id.problems.study import Study
 from consistent_id.regression.base import Excitation
 from consistent_id.report.published_section import published_tables
@@ -46,6 +47,7 @@ def headline_tables(study: Study) -> list[Table]:
             (),
             (),
             (
+                *unmeasured_notes(study.problem.model),
                 *advice.expected,
                 *expected_lines(study),
                 *advice.verdict.brief,

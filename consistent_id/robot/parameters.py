@@ -11,6 +11,8 @@ from consistent_id.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS
 _CONTROLS = ("Cc", "Cs", "Zl", "Zp")
 """Unicode's categories of control characters, halves of pairs and line separators."""
 
+_FEW = 12  # names of which all are listed, the nearest first
+
 
 @dataclass(frozen=True, slots=True)
 class ParameterLayout:
@@ -146,5 +148,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
     known = list(known)
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.4) or known[:8]
+    if len(known) <= _FEW:
+        near += [other for other in known if other not in near]
     more = "" if len(near) == len(known) else f" (of {len(known)})"
     return f"known: {', '.join(near)}{more}" if known else "there are none"

@@ -8,7 +8,12 @@ from faulty_logs import clean_log
 
 from consistent_id.diagnosis.clock import velocity_findings
 from consistent_id.diagnosis.coverage import saturation_findings
-from consistent_id.diagnosis.frozen_channels import frozen_findings, standing_findings
+from consistent_id.diagnosis.findings import LogFinding
+from consistent_id.diagnosis.frozen_channels import (
+    frozen_findings,
+    named_as_constant,
+    standing_findings,
+)
 from consistent_id.diagnosis.signal_faults import (
     hold_findings,
     jump_findings,
@@ -46,6 +51,31 @@ def test_a_channel_that_stops_while_the_joint_moves_is_frozen(channel):
     assert (finding.kind, finding.where) == ("frozen channel", "joint2")
     assert f"{channel} is" in finding.statement
     assert "from 10 s" in finding.statement
+
+
+def test_a_dead_torque_is_zero_without_a_sign():
+    log = clean_log(0)
+    dead = replace(log, torque=log.torque * [1.0, -0.0, 1.0, 1.0])
+    (finding,) = frozen_findings(dead)
+    assert "torque is 0 throughout" in finding.statement
+
+
+@pytest.mark.parametrize("kind", ["encoder scale", "offset zero", "clock"])
+def test_a_position_that_never_changes_is_said_to(kind):
+    log = replace(clean_log(0), velocity=None, acceleration=None)
+    position = log.position.copy()
+    position[:, 1] = 0.3
+    found = LogFinding(kind, "fault", "joint2", "times 0.02", "multiply")
+    named = named_as_constant(found, replace(log, position=position))
+    assert named_as_constant(found, log) == found
+    if kind == "clock":
+        assert named == found
+    else:
+        assert named.kind == "dead channel"
+        assert (
+            "position is 0.3 throughout: the channel never changes" in named.statement
+        )
+        assert "--lock joint2=POSITION" in named.advice
 
 
 def _cruising():

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from faulty_logs import arm
 
-from consistent_id import InertialParameters, Recording
+from consistent_id import InertialParameters, Recording, RecordingError
 from consistent_id.diagnosis.one_log import signal_findings
 from consistent_id.diagnosis.wrong_units import (
     model_findings,
+    require_lengths_of_sliding,
     speed_findings,
     travel_findings,
 )
@@ -85,6 +86,35 @@ def test_one_joint_of_four_in_another_unit_is_not_all_of_them(factor):
     one = replace(log, position=log.position * [1.0, factor, 1.0, 1.0])
     (finding,) = travel_findings(_robot(JointLimits(-2.0, 2.0)), one)
     assert (finding.kind, finding.where) == ("encoder scale", log.joints[1])
+
+
+def _sliding(robot, place=1):
+    """Return the robot with one joint that slides by 0.2 m at most."""
+    limits = JointLimits(0.0, 0.2)
+    joints = list(robot.joints)
+    joints[place] = replace(joints[place], kind="prismatic", limits=limits)
+    return replace(robot, joints=tuple(joints))
+
+
+def test_a_sliding_joint_in_millimetres_is_named_with_its_unit():
+    robot, log = _sliding(_robot(JointLimits(-2.0, 2.0))), _swing(1.0)
+    metres = replace(log, position=log.position * [1.0, 0.05, 1.0, 1.0])
+    assert not travel_findings(robot, metres)
+    one = replace(log, position=log.position * [1.0, 50.0, 1.0, 1.0])
+    (finding,) = travel_findings(robot, one)
+    assert (finding.kind, finding.where) == ("encoder scale", log.joints[1])
+    assert "750 times the range" in finding.statement
+    assert "0.75 times if its position is in mm" in finding.statement
+    assert f"--position-scale {log.joints[1]}=0.001" in finding.advice
+
+
+def test_one_unit_of_length_of_joints_that_turn_is_refused():
+    robot = _sliding(_robot(JointLimits(-2.0, 2.0)))
+    with pytest.raises(RecordingError, match="in mm, but joint1, joint3") as refused:
+        require_lengths_of_sliding(robot, {"position": "mm"})
+    assert "--position-scale joint2=0.001" in str(refused.value)
+    for units in ({}, {"position": "deg"}, {"position": ("rad", "mm", "rad", "rad")}):
+        require_lengths_of_sliding(robot, units)
 
 
 @pytest.mark.parametrize(

@@ -129,6 +129,7 @@ def test_without_all_joints_there_is_no_estimate():
     assert without(estimated(model, log), [log], joints=model.torque_joints) is None
 
 
+@pytest.mark.slow
 def test_joints_without_rows_of_their_own_have_no_slopes():
     # As base.ny of a robot on its feet: its rows belong to several joints.
     model, log = logged(0)

@@ -22,7 +22,7 @@ from consistent_id.estimation import judge
 from consistent_id.estimation.fit import usual_efforts
 from consistent_id.estimation.slope_reasons import doubtful_joints
 from consistent_id.estimation.torque_error import Slopes
-from consistent_id.estimation.verdict import Verdict, confirmed
+from consistent_id.estimation.verdict import Reason, Verdict, confirmed, joined
 from consistent_id.recordings.recording import LogFinding
 
 
@@ -223,6 +223,13 @@ def test_the_worst_of_joined_reasons_leads_and_only_its_kind_accepts_it():
     (reason,) = good_and_found([0.75, 0.79], fault).grounds
     assert reason.kind == "torque gain"
     assert "gain or unit states the same factor: shoulder 0.75" in reason.statement
+
+
+def test_how_to_accept_a_joined_reason_is_said_once():
+    lead = Reason("torque gain", "use with care", "", '--accept "torque gain"', "one")
+    advice = replace(lead, word="do not use"), replace(lead, kind="nominal model")
+    (reason,) = joined(advice)
+    assert reason.advice.count('--accept "torque gain"') == 1
 
 
 def test_factors_of_other_joints_and_notes_are_not_joined():

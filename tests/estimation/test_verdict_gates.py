@@ -48,6 +48,12 @@ def test_a_finding_about_a_whole_recording_names_it_once():
     assert reason.statement == "a.csv: 2 turns"
 
 
+def test_a_joint_is_named_once_in_a_finding_about_it():
+    gain = LogFinding("torque gain", "fault", "s1", "s1: its torque", "", 1.0, "a.csv")
+    (reason,) = judge(evidence(findings=(gain,))).reasons
+    assert reason.statement == "a.csv, s1: its torque"
+
+
 @pytest.mark.parametrize(
     ("errors", "good"), [(0.08, True), (0.081, False), (np.nan, False)]
 )

@@ -1,5 +1,6 @@
 """Several logs of one robot: who learns, who judges, and what is delivered."""
 
+import json
 from functools import cache
 
 import numpy as np
@@ -20,6 +21,7 @@ from consistent_id import (
 )
 from consistent_id.cli import main
 from consistent_id.estimation.method import Method
+from consistent_id.problems.problem_estimates import unmeasured_notes
 
 HEADER = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
 
@@ -228,3 +230,25 @@ def test_a_joint_is_locked_where_the_shell_says(arm, tmp_path, capsys):
     assert "# Locked: elbow at 0.5." in text
     assert main([*arguments[:-1], "elbo"]) == 2
     assert "known: elbow" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_joint_without_torque_is_said_first_and_where_the_robot_goes(
+    arm, tmp_path, capsys
+):
+    urdf, first, _, _ = arm
+    log = tmp_path / "log.csv"
+    log.write_text(first.read_text().replace("tau_elbow", "x"))
+    said = "the torque of elbow is not measured"
+    plain = ["--no-select", "--cutoff", "10", "--output", str(tmp_path / "found")]
+    main(["identify", str(urdf), str(log), *plain])
+    assert said in "".join(capsys.readouterr().out.splitlines()[:4])
+    estimate = json.loads((tmp_path / "found" / "constrained.json").read_text())
+    assert [said in note for note in estimate["notes"]].count(True) == 1
+    export = ["export", str(tmp_path / "found"), "--format", "numpy", "--dry-run"]
+    main([*export, "--json", "--output", str(tmp_path / "model.py")])
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert [said in note for note in notes].count(True) == 1
+    assert not unmeasured_notes(
+        draft_problem(urdf, first, select=False).problem().model
+    )

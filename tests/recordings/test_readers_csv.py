@@ -207,6 +207,10 @@ def test_quoted_decimal_commas_stand_beside_commas(tmp_path):
     assert log.position[:, 0].tolist() == [1.5, -2.125, 3.0]
 
 
+def test_a_word_in_place_of_a_number_is_answered_with_missing_values(tmp_path):
+    refused(tmp_path, "time,q_elbow\n0,n/a\n1,2\n", "--missing omit")
+
+
 def test_quoted_thousands_are_not_read_as_decimals(tmp_path):
     text = 'time,q_elbow\n"0","1,024"\n"1","2,048"\n'
     refused(tmp_path, text, "'1,024' is not a number")

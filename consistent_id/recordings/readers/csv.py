@@ -391,6 +391,11 @@ def _fault(
         usual = {cell.strip("[]() ").lower().replace(" ", "") for cell in cells} <= _SI
         rest = _OF_SI if usual else ", and others only if --units states them"
         return f"{fault}. The row seems to contain units ({units}){rest}"
+    if not any(map(str.isdigit, cell)):
+        fault += (
+            ". If it stands for a missing value, leave its cells empty: "
+            f"{OMIT_MISSING} leaves such rows out"
+        )
     return (
         f"{fault}. Only one header row is allowed, and {mark or '.'!r} marks decimals"
     )
