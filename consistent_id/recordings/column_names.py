@@ -1,7 +1,4 @@
-"""A log's names of columns as patterns.
-
-Columns whose names differ by a number or by a joint are one pattern each.
-"""
+"""A log's names of columns as patterns: names that differ by a number or by a joint."""
 
 import re
 import shlex
@@ -312,12 +309,10 @@ def _name_patterns(
     observed = states(names)
 
     def fits(text: str) -> bool:
-        if channel == "current":
-            return is_current(text) and not channel_of(text)
-        if channel == "force":
-            return is_force(text) and not channel_of(text)
         if channel == "command":
             return is_lone_command(text)
+        if told := {"current": is_current, "force": is_force}.get(channel):
+            return told(text) and not channel_of(text)
         return channel_of(text, observed) == channel
 
     found = _every_pattern(names, joints, all_joints)
