@@ -50,7 +50,7 @@ from consistent_id.problems.selection.samples import (
 )
 from consistent_id.problems.selection.superset import (
     NOTHING,
-    Stated,
+    KeptLaws,
     Superset,
     superset,
 )
@@ -93,7 +93,7 @@ class Setting:
         Misfit that counts as one when the prior's weight is set.
     fading : tuple of float, [rad/s or m/s]
         Stribeck velocities besides those of `stribeck_velocities`.
-    stated : Stated
+    stated : KeptLaws
         Of the file, which some choices keep.
     """
 
@@ -110,7 +110,7 @@ class Setting:
     sigma: Vector
     size: float
     fading: tuple[float, ...] = ()
-    stated: Stated = NOTHING
+    stated: KeptLaws = NOTHING
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,7 +159,7 @@ class Evaluator:
         return Evaluator(setting, *rows, self._columns, self._candidates)
 
     def with_friction(
-        self, loaded: tuple[str, ...], sloped: tuple[str, ...], stated: Stated
+        self, loaded: tuple[str, ...], sloped: tuple[str, ...], stated: KeptLaws
     ) -> "Evaluator":
         """Return an evaluator of the same rows with other load or position laws."""
         setting = replace(self.setting, loaded=loaded, sloped=sloped, stated=stated)

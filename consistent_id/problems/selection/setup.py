@@ -27,7 +27,7 @@ from consistent_id.problems.selection.samples import (
 )
 from consistent_id.problems.selection.superset import (
     NOTHING,
-    Stated,
+    KeptLaws,
     loaded_joints,
     sloped_joints,
 )
@@ -97,7 +97,7 @@ def beginning(
         _plain(problem, fixed, widths), motion_cutoff=cutoff, torque_cutoff=band
     )
     kept = set(DRIVE) & set(fixed)
-    stated = Stated(start.drive, start.couplings) if kept else NOTHING
+    stated = KeptLaws(start.drive, start.couplings) if kept else NOTHING
     laws = _frictions(problem, start, samples, setting)
     evaluator = evaluator.with_friction(*laws, stated)
     torque = np.sqrt(np.mean(samples.torque**2, axis=0))

@@ -35,14 +35,14 @@ class Superset:
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class KeptLaws:
     """Drives of the robot's joints, and couplings, that a problem file states."""
 
     drive: tuple[DriveTable, ...] = ()
     couplings: tuple[CouplingTable, ...] = ()
 
 
-NOTHING = Stated()
+NOTHING = KeptLaws()
 
 
 def superset(
@@ -51,7 +51,7 @@ def superset(
     loaded: tuple[str, ...],
     sloped: tuple[str, ...],
     fading: tuple[float, ...] = (),
-    stated: Stated = NOTHING,
+    stated: KeptLaws = NOTHING,
 ) -> Superset:
     """Return all terms that joints with torque may have.
 
@@ -65,7 +65,7 @@ def superset(
         See `loaded_joints` and `sloped_joints`.
     fading : tuple of float, [rad/s or m/s]
         Stribeck velocities besides those of `stribeck_velocities`.
-    stated : Stated
+    stated : KeptLaws
     """
     terms: list[tuple[DriveTerm, ...]] = []
     names = bodies.robot.joint_names
