@@ -269,8 +269,8 @@ def _cross_slopes(
 ) -> Slopes | None:
     """Return slopes of joints' torque on the bodies estimated without these joints.
 
-    None if the other joints determine no bodies, or if these joints have no rows by
-    themselves: rows of a floating base that feet hold belong to several joints.
+    None if the other joints determine no bodies, or if these joints have no rows of
+    their own: rows of a robot on its feet belong to several joints.
     """
     refit = without(estimate, recordings, joints=joints)
     if refit is None:

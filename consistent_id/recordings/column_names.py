@@ -311,8 +311,8 @@ def _name_patterns(
     def fits(text: str) -> bool:
         if channel == "command":
             return is_lone_command(text)
-        if told := {"current": is_current, "force": is_force}.get(channel):
-            return told(text) and not channel_of(text)
+        if stated := {"current": is_current, "force": is_force}.get(channel):
+            return stated(text) and not channel_of(text)
         return channel_of(text, observed) == channel
 
     found = _every_pattern(names, joints, all_joints)

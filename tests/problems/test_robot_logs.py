@@ -139,6 +139,12 @@ def test_a_locked_joint_that_stands_elsewhere_is_noted(tmp_path):
     assert any("rail is locked at 0.4" in note for note in far.notes)
 
 
+def test_one_unit_of_length_for_joints_of_which_some_turn_is_refused(tmp_path):
+    files = _named(tmp_path, [])
+    with pytest.raises(RecordingError, match="positions are stated to be in mm, but a"):
+        robot_logs(*files, Statement(units={"position": "mm"}))
+
+
 def test_numbers_in_names_of_joints_do_not_count_the_unlocked():
     every = ("joint1", "joint2", "joint3", "gripper")
     names = ["q_joint1", "q_joint2", "q_joint3"]

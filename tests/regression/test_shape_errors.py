@@ -130,6 +130,18 @@ def test_the_middle_of_a_long_log_stands_for_all_of_it(monkeypatch):
         assert np.linalg.norm(one) == pytest.approx(np.linalg.norm(other), rel=0.4)
 
 
+def test_errors_of_velocities_do_not_widen_quantiles():
+    """The noise's variance is an estimate of few freedoms, theirs is a part without."""
+    _, log = recorded(arm((0.2, 0.1)), np.random.default_rng(9), 0.5)
+    base = ci.regression.base_parameters(arm())
+    noise = unconstrained_fit(ci.build_regression(arm(), log), base).noise
+    bare = replace(noise, shapes=())
+    own, all_columns = friction_of(base), np.eye(len(base))
+    more, few = (each.freedoms(all_columns)[own] for each in (noise, bare))
+    assert (more > few).all()
+    assert noise.quantiles[own].max() <= bare.quantiles[own].max()
+
+
 def test_an_older_part_without_such_errors_adds_none():
     _, log = recorded(arm((0.2, 0.1)), np.random.default_rng(4), 0.01)
     noise = ci.build_regression(arm(), log).noise

@@ -39,8 +39,8 @@ AROUND = np.linspace(-0.75, 0.75, 7) * np.log(2.0)
 """Logarithms of velocities that are compared, over the present one."""
 
 _EDGE = 0.6 * np.log(2.0)  # change from which the lowest may be beyond those compared
-_ROUNDS = 3  # of comparing velocities, and of
-_TURNS = 3  # other terms beside them
+_ROUNDS = 3  # of comparing velocities around the last ones
+_TURNS = 3  # of finding velocities, and then other terms beside them
 
 
 def closer_models(
@@ -153,10 +153,8 @@ def lowest(x: Vector, y: Vector) -> float:
     if k in (0, len(x) - 1):
         return float(x[k])
     left, right = x[k] - x[k - 1], x[k + 1] - x[k]
-    down, up = (
-        (y[k] - y[k - 1]) / max(left, 1e-12),
-        (y[k + 1] - y[k]) / max(right, 1e-12),
-    )
+    down = (y[k] - y[k - 1]) / max(left, 1e-12)
+    up = (y[k + 1] - y[k]) / max(right, 1e-12)
     bend = (up - down) / (left + right)
     if bend <= 0.0:
         return float(x[k])

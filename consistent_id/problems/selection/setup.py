@@ -226,9 +226,7 @@ def _widths(samples: Samples, bodies: TorqueModel) -> tuple[tuple[Widths, float]
         speeds = samples.top_speeds[moving & kind]
         scales = velocity_scales(speeds)
         first = min(scales, key=lambda s: abs(np.log(s / (_WIDTH * np.median(speeds)))))
-        which = (
-            f" of {'sliding' if kind is slides else 'turning'} joints" if both else ""
-        )
+        which = " of sliding joints" if kind is slides else " of turning joints"
         names = tuple(robot.joint_names[j] for j in joints)
         own = Widths(tuple(joints), names, scales, which if both else "")
         found.append((own, first))

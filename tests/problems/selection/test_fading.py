@@ -1,13 +1,22 @@
 """Stribeck velocities between those that a selection tries."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from test_select import kinds, selected
 
-from consistent_id.problems.selection.choice import STRIBECK
-from consistent_id.problems.selection.fading import lowest
+from consistent_id.problems.selection import fading as module
+from consistent_id.problems.selection.choice import STRIBECK, STRIBECK_PASSED
+from consistent_id.problems.selection.fading import (
+    lowest,
+    with_closer_velocities,
+    with_velocities,
+)
+from consistent_id.problems.selection.fits import HeldOut
+from consistent_id.problems.selection.forward_search import State
 
 
 @given(
@@ -51,3 +60,34 @@ def test_a_velocity_between_those_tried_is_found(tmp_path, velocity):
     }
     stated = [own.get(n, table.drive.stribeck_velocity) for n in ("shoulder", "elbow")]
     assert stated == [d.stribeck_velocity for d in drive]
+
+
+@pytest.fixture
+def fading(begun):
+    """A state whose joints have Stribeck terms, with an evaluator that knows them."""
+    top = begun.evaluator.samples(begun.plain.choice.motion_cutoff).top_speeds
+    choice = with_velocities(begun.plain.choice, [0, 1], (0.4 * top).tolist())
+    evaluator = begun.evaluator.with_fading(tuple((0.4 * top).tolist()))
+    return evaluator, State(evaluator.evaluated(choice)), top
+
+
+def test_no_velocity_is_tried_that_a_joint_hardly_passes(fading, monkeypatch):
+    evaluator, state, top = fading
+    tried = []
+    own = module._own_squares
+    monkeypatch.setattr(
+        module, "_own_squares", lambda *given: tried.append(given[-1]) or own(*given)
+    )
+    with_closer_velocities(evaluator, state)
+    assert tried and all((each <= top / STRIBECK_PASSED).all() for each in tried)
+    assert tried[0].max(axis=0) == pytest.approx(top / STRIBECK_PASSED)
+
+
+def test_velocities_that_predict_worse_are_not_taken(fading, monkeypatch):
+    evaluator, state, _ = fading
+    now = state.current
+    worse = HeldOut(1.01 * now.errors.squares)
+    for errors in (worse, now.errors):
+        after = replace(now, errors=errors)
+        monkeypatch.setattr(module, "_closer", lambda *_, after=after: (None, after))
+        assert with_closer_velocities(evaluator, state) == (evaluator, state)

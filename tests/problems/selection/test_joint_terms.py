@@ -38,6 +38,7 @@ from consistent_id.problems.selection.evaluation import _drive
 from consistent_id.problems.selection.fits import Gain, HeldOut, gain, joint_gains
 from consistent_id.problems.selection.forward_search import (
     State,
+    _clear,
     proposals,
     without_needless_terms,
 )
@@ -65,6 +66,16 @@ from consistent_id.robot import load_urdf
 )
 def test_a_term_is_believed_by_size_blocks_and_standard_error(share, error, won, said):
     assert believable(Gain(share, error, won)) is said
+
+
+def test_what_clearly_helps_a_joint_and_harms_all_is_not_taken(begun):
+    plain = begun.plain
+    choice = with_drive(plain.choice, [0], setter(rotor_inertia=True))
+    move = ModelMove("rotor_inertia", "rotor_inertia", plain.choice, choice)
+    after = replace(plain, errors=HeldOut(plain.errors.squares * [0.5, 1.0]))
+    gains = [Gain(share, 0.01, 1.0) for share in (0.02, -0.02)]
+    said = [_clear(begun.evaluator, plain, (move, gain, after)) for gain in gains]
+    assert said == [True, False]
 
 
 @pytest.mark.parametrize(
