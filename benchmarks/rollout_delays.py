@@ -102,7 +102,20 @@ def commands(model: ci.RobotModel, rng: np.random.Generator) -> np.ndarray:
     return np.column_stack(told)
 
 
-def simulated(case: Case, robot: Robot | None = None) -> tuple[ci.Recording, PDGains]:
+class Simulated(NamedTuple):
+    """A log, and the drives behind it.
+
+    Parameters
+    ----------
+    drives : dict of str to float
+        Viscous and Coulomb friction and rotor inertia, by the names of an estimate.
+    """
+
+    log: ci.Recording
+    drives: dict[str, float]
+
+
+def simulated(case: Case, robot: Robot | None = None) -> Simulated:
     """Return the log of a case, by default of one of `ROBOTS`."""
     robot, rng = robot or ROBOTS[case.robot], case.rng
     model = model_of(robot)
@@ -144,12 +157,21 @@ def simulated(case: Case, robot: Robot | None = None) -> tuple[ci.Recording, PDG
     found += NOISE * rng.standard_normal(found.shape)
     quantum = 2.0 * np.pi / COUNTS
     read = quantum * np.round(found / quantum)
-    return ci.Recording(names, time, read, position_command=told), gains
+    drives = {
+        f"{joint.name}.{kind}": float(value)
+        for joint, coulomb in zip(spec.joints, level, strict=True)
+        for kind, value in (
+            ("viscous", joint.damping[0]),
+            ("coulomb", coulomb),
+            ("rotor_inertia", joint.armature),
+        )
+    }
+    return Simulated(ci.Recording(names, time, read, position_command=told), drives)
 
 
 def problem_of_log(case: Case, folder: Path, bodies: str) -> ci.Problem:
     """Return the problem that is drafted of a case's log."""
-    log, _ = simulated(case)
+    log = simulated(case).log
     table = {"time": log.time}
     for j, name in enumerate(log.joints):
         table[f"q_{name}"] = log.position[:, j]

@@ -49,6 +49,9 @@ class Replayed(NamedTuple):
     ----------
     file, fit, delivered : float
         Of the robot's file with offsets, of the torque fit, of the delivered estimate.
+    held, drives : int
+        Viscous and Coulomb friction and rotors: true ones in delivered 95 % intervals,
+        and all that have one.
     """
 
     robot: str
@@ -59,6 +62,8 @@ class Replayed(NamedTuple):
     file: float
     fit: float
     delivered: float
+    held: int
+    drives: int
     seconds: float
 
     @property
@@ -75,6 +80,7 @@ class Replayed(NamedTuple):
                 f"{1e3 * self.true_delay:.0f}",
                 f"{1e3 * self.delay:.1f} ({ends})",
                 *(f"{1e3 * error:.2f}" for error in errors),
+                f"{self.held} of {self.drives}",
                 f"{self.seconds:.1f} s |",
             ]
         )
@@ -95,7 +101,7 @@ def replayed(seed: int, folder: Path) -> Replayed:
     """Simulate a log, and let the default path predict the part it does not see."""
     case = case_of(seed)
     robot = ROBOTS[case.robot]
-    log, _ = simulated(case, robot)
+    log, drives = simulated(case, robot)
     table = {"time": log.time}
     for j, name in enumerate(log.joints):
         table[f"q_{name}"] = log.position[:, j]
@@ -118,8 +124,21 @@ def replayed(seed: int, folder: Path) -> Replayed:
         done.rollout.rmse(str(file), offsets=True),
         _of_fit(done),
         _of(done),
+        *_held(done, drives),
         seconds,
     )
+
+
+def _held(done: ProblemRollout, drives: dict[str, float]) -> tuple[int, int]:
+    """Return how many true values intervals hold, and the number of intervals."""
+    own, layout = done.estimate, done.estimate.model.layout
+    half = own.half_intervals
+    if half is None:
+        return 0, 0
+    places = [layout.index(name) for name in drives if name in layout.names]
+    true = [value for name, value in drives.items() if name in layout.names]
+    away = abs(own.parameters[places] - true)
+    return int((away <= half[places]).sum()), int(np.isfinite(half[places]).sum())
 
 
 def _of(done: ProblemRollout) -> float:
@@ -141,15 +160,19 @@ def main() -> None:
     with written_to(options.write, "unseen"), threadpool_limits(1):
         print(
             "| robot | friction | delay [ms] | found (95 %) | file, with offsets | "
-            "torque fit | delivered | `rollout` |"
+            "torque fit | delivered | drives held | `rollout` |"
         )
-        print("|---|---|---:|---|---:|---:|---:|---:|")
+        print("|---|---|---:|---|---:|---:|---:|---:|---:|")
         for seed in range(first, last + 1):
             with tempfile.TemporaryDirectory() as folder:
                 found.append(replayed(seed, Path(folder)))
             print(found[-1].row, flush=True)
         middle = np.median([one.delivered for one in found])
         print(f"\nThe median of the delivered ones is {1e3 * middle:.2f} mrad.")
+        for friction in FRICTIONS:
+            own = [one for one in found if one.friction == friction]
+            held, drives = sum(o.held for o in own), sum(o.drives for o in own)
+            print(f"Intervals of drives, {friction}: {held} of {drives} hold.")
 
 
 if __name__ == "__main__":

@@ -58,6 +58,11 @@ class CommandDelay:
         shapes = {"tried": (None,), "misfits": (None,)}
         freeze_arrays(self, shapes, "delay of commands")
 
+    @property
+    def bounded_error(self) -> float:
+        """The standard error, at most the longest delay that was tried [s]."""
+        return float(min(self.standard_error, self.tried.max()))
+
     def table(self) -> Table:
         """Return the delay, and the misfit at all tried delays, for people."""
         order = np.argsort(self.tried)

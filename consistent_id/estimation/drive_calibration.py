@@ -99,6 +99,11 @@ class CalibrationFit:
         return _calibration(self.values)
 
     @property
+    def delay_error(self) -> float:
+        """The delay's standard error [s]."""
+        return float(self.standard_errors[0])
+
+    @property
     def known(self) -> BoolArray:
         """Whether the data determine each value by itself."""
         part = _PART * abs(self.unknown).max(axis=1, initial=0.0, keepdims=True)

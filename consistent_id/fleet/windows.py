@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray, IntArray, Matrix, Vector
+from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
 from consistent_id._support.executors import Executor
 from consistent_id.errors import RecordingError
 from consistent_id.fleet.log_survey import Stretch
@@ -395,6 +395,12 @@ class RowsInTurn:
             for part, blocks in motion.rows(model, kept):
                 yield slice(first + part.start, first + part.stop), blocks
             first += len(motion.q)
+
+    def shifted(self, row: int) -> Array | None:
+        """See `Motion.shifted`."""
+        parts = [motion.shifted(row) for motion in self.motions]
+        known = [part for part in parts if part is not None]
+        return np.concatenate(known) if len(known) == len(parts) else None
 
     def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
         """See `Motion.drive_columns`."""

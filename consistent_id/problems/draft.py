@@ -90,6 +90,8 @@ class Draft:
         The model selected from the training rows.
     delay : float or "estimated", [s]
         Delay of the commands of PD-controlled joints.
+    delay_error : float, [s]
+        Its standard error.
     standing : StandingDraft, optional
         Assumptions for a robot whose base floats.
     early : float, [s]
@@ -114,6 +116,7 @@ class Draft:
     joint_drives: Mapping[str, JointTable] = field(default_factory=dict)
     selection: ModelSelection | None = None
     delay: float | Literal["estimated"] = 0.0
+    delay_error: float = 0.0
     standing: StandingDraft | None = None
     early: float = 0.0
 
@@ -196,7 +199,9 @@ class Draft:
             gain_source=stated.gain_source or "drives",
             torque_joints=list(self.columns.torque_joints),
             **beside_tables(self.columns.beside),
-            gains=None if gains is None else gains_table(gains, self.delay),
+            gains=None
+            if gains is None
+            else gains_table(gains, self.delay, self.delay_error),
             preparation=self._preparation,
         )
 
@@ -270,8 +275,11 @@ _GAINS_COMMENTS = {
     "data.gains": "GUESS: the delay [s] with which the torque fits best, at most\n"
     "one sample; consistent-id rollout finds a better one.",
     "data.gains.delay": "",
+    "data.gains.delay_error": "standard error; intervals contain what it does",
 }
-_ONE_SAMPLE = 0.99  # clocks are not exact
+ONE_SAMPLE = 0.99
+"""Share of a period from which on a delay is one: clocks are not exact."""
+
 _LONGEST_DELAY = (
     "GUESS: the torque fits best with the longest delay that is tried, one sample;\n"
     "commands may be later: consistent-id rollout finds the delay."
@@ -289,7 +297,7 @@ def comments_of(draft: "Draft") -> dict[str, str]:
         **_GAINS_COMMENTS,
         **_of_preparation(draft),
     }
-    if draft.delay != "estimated" and draft.delay * draft.rate > _ONE_SAMPLE:
+    if draft.delay != "estimated" and draft.delay * draft.rate > ONE_SAMPLE:
         comments["data.gains"] = _LONGEST_DELAY
     if draft.standing is not None:
         comments |= draft.standing.comments

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from consistent_id.errors import ConsistentIdError, ProblemError, RecordingError
-from consistent_id.problems.draft import Draft, DraftRecording
+from consistent_id.problems.draft import ONE_SAMPLE, Draft, DraftRecording
 from consistent_id.problems.draft_reading import (
     DraftCutoff,
     DraftReading,
@@ -313,13 +313,21 @@ def _with_delay(draft: Draft) -> Draft:
 
     The delay with the best torque fit also compensates for errors of the model.  It is
     limited to one period, because a command reaches its drive before the next is sent.
+    If that is its delay, it may be as long as the torque says, or longer by a period.
     """
     try:
-        found = replace(draft, delay="estimated").problem().delay_of_commands
+        late = replace(draft, delay="estimated").problem().command_delay
     except ConsistentIdError as cause:
         note = f"commands are assumed to have no delay: none was found ({cause})"
         return replace(draft, notes=(*draft.notes, note))
-    return replace(draft, delay=float(f"{min(found, 1.0 / draft.rate):.2g}"))
+    if late is None:
+        return draft
+    period = 1.0 / draft.rate
+    found, error = min(late.seconds, period), late.bounded_error
+    if found > ONE_SAMPLE * period:
+        error = max(error, late.seconds - period, period)
+    delay, error = (float(f"{value:.2g}") for value in (found, error))
+    return replace(draft, delay=delay, delay_error=error)
 
 
 def _with_model(draft: Draft, progress: bool) -> Draft:

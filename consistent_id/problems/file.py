@@ -167,7 +167,8 @@ class RecordingTable(FileTable, frozen=True, kw_only=True):
 class GainsTable(FileTable, frozen=True, kw_only=True):
     """Gains of PD-controlled joints: one for all, or one each in the robot's order.
 
-    With them torque is computed from the joints' commands, delayed by `delay` [s].  The
+    With them torque is computed from the joints' commands, delayed by `delay` [s], the
+    standard error of which is `delay_error`; one that is estimated has its own.  The
     real torque is `scale` times this torque, and encoders read the position plus
     `encoder_bias` [rad or m]; both are numbers, or estimated from the training data.
     If a `stiffness` [N m/rad or N/m] is given, there are springs between the motors,
@@ -178,6 +179,7 @@ class GainsTable(FileTable, frozen=True, kw_only=True):
     kd: NonNegative | list[NonNegative] = 0.0
     torque_limit: Positive | list[Positive] | None = None
     delay: NonNegative | Literal["estimated"] = 0.0
+    delay_error: NonNegative = 0.0
     scale: Positive | list[Positive] | Literal["estimated"] = 1.0
     encoder_bias: float | list[float] | Literal["estimated"] = 0.0
     stiffness: Positive | list[Positive] | Literal["estimated"] | None = None

@@ -191,15 +191,18 @@ def require_rows(name: str, entry: RecordingTable, left: int) -> None:
 
 
 def gains_table(
-    gains: PDGains, delay: float | Literal["estimated"] = 0.0
+    gains: PDGains,
+    delay: float | Literal["estimated"] = 0.0,
+    delay_error: float = 0.0,
 ) -> GainsTable:
-    """Return gains, and the delay of commands [s], of a file."""
+    """Return gains, the delay of commands and its standard error [s], of a file."""
     limit = gains.torque_limit
     return GainsTable(
         kp=gains.kp.tolist(),
         kd=gains.kd.tolist(),
         torque_limit=limit.tolist() if np.isfinite(limit).any() else None,
         delay=delay,
+        delay_error=delay_error,
     )
 
 
@@ -222,6 +225,11 @@ def gains_of_drives(data: DataTable) -> PDGains | None:
         raise ProblemError(
             f"[data.columns] names a torque, {columns.torque}, and [data.gains] "
             f"compute one from commands; leave one of them out"
+        )
+    if data.gains.delay == "estimated" and data.gains.delay_error:
+        raise ProblemError(
+            f"[data.gains] has delay_error = {data.gains.delay_error:g}, but delay = "
+            '"estimated", which is found with its error; leave one of them out'
         )
     limit = data.gains.torque_limit
     return PDGains(
@@ -341,12 +349,16 @@ def found_drives(
             lambda delay: prepared(replace(start, delay=delay)),
             constraints=constraints,
         )
-        known = replace(known, delay=late.seconds)
+        known = replace(known, delay=late.seconds, delay_error=late.bounded_error)
     if set(asked) - {"delay"}:
         fit = fit_calibration(
             model, prepared, asked, start=known, constraints=constraints
         )
-        known = replace(fit.calibration, compliance=known.compliance)
+        known = replace(
+            fit.calibration,
+            compliance=known.compliance,
+            delay_error=fit.delay_error if "delay" in asked else known.delay_error,
+        )
     springs = None
     if data.gains.stiffness == "estimated":
         springs = joint_springs(
@@ -364,4 +376,5 @@ def _stated(table: GainsTable) -> DriveCalibration:
         np.array(1.0 if table.scale == "estimated" else table.scale),
         np.array(0.0 if table.encoder_bias == "estimated" else table.encoder_bias),
         1.0 / np.array(np.inf if unstated else table.stiffness),
+        delay_error=table.delay_error,
     )

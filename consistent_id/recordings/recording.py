@@ -32,7 +32,7 @@ _MEASURED = ("position", "velocity", "acceleration", "torque")
 COMMANDS = ("position_command", "velocity_command", "torque_command")
 """Commands of the controller to the joints, constant from one sample to the next."""
 
-_CHANNELS = (*_MEASURED, *COMMANDS)
+_CHANNELS = (*_MEASURED, *COMMANDS, "torque_shift")
 
 Severity = Literal["fault", "warning", "note"]
 
@@ -126,6 +126,9 @@ class Recording:
         Commands of the drives, each constant from its sample to the next.
     torque_command : array_like, shape (samples, joints), optional, [N m or N]
         Feed-forward torque; `commanded` computes the torque from commands.
+    torque_shift : array_like, shape (samples, joints), optional, [N m or N]
+        Change of the torque by one standard error of what all samples share, such as
+        the delay of commands; filtered as the torque is.
     torque_filter : TorqueFilter, optional
         If torque and wrenches are low-passed: the filter, and their values before. Set
         by `low_passed` and `decimated`; `build_regression` filters its rows alike.
@@ -159,6 +162,7 @@ class Recording:
     contacts: tuple[ContactFlags, ...] = ()
     torque_known: BoolArray | None = None
     torque_filter: TorqueFilter | None = None
+    torque_shift: Matrix | None = None
 
     def __post_init__(self) -> None:
         joints = () if isinstance(self.joints, str) else tuple(self.joints)

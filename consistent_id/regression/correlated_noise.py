@@ -85,8 +85,9 @@ class CorrelatedNoise:
     beyond : float
         Variance of parameters with errors of the model over that by noise of these
         scores, at least one; see `model_errors`.
-    shapes : tuple of ndarray, each shape (shapes of the joint, parameters)
-        Like `scores`, for errors of shapes of friction; see `shape_errors`.
+    shapes : tuple of ndarray, each shape (shapes, parameters)
+        Scores of errors that samples share, of each joint's rows; see `shape_errors`.
+        One error is the same for all joints, so their scores add.
     """
 
     effective: Vector

@@ -260,6 +260,11 @@ def _noise(
         tuple(_matrix(rows, width, what) for rows in of_joints)
         for what, of_joints in (("scores", noise.scores), ("shapes", noise.shapes))
     )
+    if len({len(rows) for rows in shapes}) > 1:
+        raise ProblemError(
+            f"shapes: {' and '.join(str(len(rows)) for rows in shapes)} rows of the "
+            "joints, expected the same number of all"
+        )
     return CorrelatedNoise(effective, scores, freedom, noise.blocks, shapes)
 
 

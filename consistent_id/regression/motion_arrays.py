@@ -82,7 +82,7 @@ class Motion(NamedTuple):
     filter (`along`), and not from `q`, `dq` and `ddq`, the motion at the samples that
     the rows stand for.  `places` are those samples in the recording, `run` is the run
     of all `filtered` rows that is meant, and `known` is the share of each row's squared
-    weights that is on samples that count.
+    weights that is on samples that count.  `shift` is `Recording.torque_shift`.
     """
 
     q: Array
@@ -98,6 +98,7 @@ class Motion(NamedTuple):
     places: IntArray | None = None
     filtered: "FilteredRows | None" = None
     run: slice = slice(None)
+    shift: Array | None = None
 
     @property
     def along(self) -> "Motion":
@@ -143,6 +144,7 @@ class Motion(NamedTuple):
             known=_part(self.known, part),
             places=None if self.places is None else self.places[part],
             run=run,
+            shift=_part(self.shift, part),
         )
 
     def counts(self) -> IntArray:
@@ -228,6 +230,16 @@ class Motion(NamedTuple):
                 if self.weights is not None:
                     block *= self.weights[part, j, None]
             yield part, blocks
+
+    def shifted(self, row: int) -> Array | None:
+        """Return the change of a row's torque by an error that all samples share.
+
+        See `Recording.torque_shift`; weighted as `rows` are.
+        """
+        if self.shift is None:
+            return None
+        own = self.shift[:, row]
+        return own if self.weights is None else own * self.weights[:, row]
 
     def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
         """Return the columns that drive terms would add to a joint's row of `rows`.

@@ -21,7 +21,11 @@ from consistent_id.recordings.signals.filtered_rows import (
 from consistent_id.regression.motion_arrays import FilteredRows, Motion
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.rows.contact_maps import mixing_of, unknown_rows
-from consistent_id.regression.rows.generalised_forces import measured_forces, state_of
+from consistent_id.regression.rows.generalised_forces import (
+    measured_forces,
+    shifted_forces,
+    state_of,
+)
 
 
 def motion_of(
@@ -80,6 +84,7 @@ def _with_filter(
         known=None if marks is None else by.shares(marks, kept),
         places=places,
         filtered=rows,
+        shift=None if along.shift is None else rows.through(along.shift),
     )
 
 
@@ -110,10 +115,13 @@ def every_sample(
     model: TorqueModel, recording: Recording, weights: Array | None
 ) -> Motion:
     """Return the rows of a recording whose torque is as it was recorded."""
+    base = recording.base if model.robot.floating else None
     if model.robot.floating:
-        tau, base = measured_forces(model, recording), recording.base
+        tau = measured_forces(model, recording)
+        shift = shifted_forces(model, recording)
     else:
-        tau, base = recording.of(model.torque_joints).torque, None
+        own = recording.of(model.torque_joints)
+        tau, shift = own.torque, own.torque_shift
     q, dq, ddq = state_of(model, recording)
     if dq is None or ddq is None or tau is None:
         given = {"velocity": dq, "acceleration": ddq, "torque": tau}
@@ -125,7 +133,7 @@ def every_sample(
     unknown = unknown_rows(model, recording)
     if unknown is not None:
         weights = np.where(unknown, 0.0, 1.0 if weights is None else weights)
-    motion = Motion(q, dq, ddq, tau, weights, base)
+    motion = Motion(q, dq, ddq, tau, weights, base, shift=shift)
     mixing = mixing_of(model, recording)
     if mixing is None:
         return motion

@@ -168,9 +168,9 @@ class ResidualNoise:
     beyond : float
         Variance with errors of the model over that by noise; see `CorrelatedNoise`.
         One where scatter between recordings contains it.
-    shapes : tuple of ndarray, each shape (shapes of the joint, rank)
-        Like `of_joints`, for errors of shapes of friction, see `CorrelatedNoise`.  They
-        are not in `inflation`.
+    shapes : ndarray, shape (shapes, rank), optional
+        Like the rows of `root`, for errors that samples share, see `CorrelatedNoise`.
+        They are not in `inflation`.
     """
 
     sigma: Vector
@@ -184,7 +184,7 @@ class ResidualNoise:
     of_joints: tuple[Matrix, ...]
     between: tuple[Scatter, ...] = ()
     beyond: float = 1.0
-    shapes: tuple[Matrix, ...] = ()
+    shapes: Matrix | None = None
 
     @property
     def rank(self) -> int:
@@ -228,7 +228,8 @@ class ResidualNoise:
     def scatter(self) -> Matrix:
         """Covariance of ``y`` by noise and other scatter, shape (rank, rank)."""
         added = [part.covariance for part in self.between]
-        added += [N.T @ N for N in self.shapes]
+        if self.shapes is not None:
+            added.append(self.shapes.T @ self.shapes)
         return np.asarray(sum(added, self.inflation))
 
     def freedoms(self, functionals: Matrix) -> Vector:
@@ -261,7 +262,8 @@ class ResidualNoise:
             (np.einsum("ij,jk,ik->i", G, covariance, G), freedom)
             for covariance, freedom in self.between
         ]
-        parts += [(np.sum(np.square(G @ own.T), axis=1), np.inf) for own in self.shapes]
+        if self.shapes is not None:
+            parts.append((np.sum(np.square(G @ self.shapes.T), axis=1), np.inf))
         total = np.sum([variance for variance, _ in parts], axis=0)
         squares = np.sum([variance**2 / freedom for variance, freedom in parts], axis=0)
         touched = squares > np.finfo(np.float64).tiny
@@ -406,7 +408,7 @@ def unconstrained_fit(regression: Regression, base: BaseParameters) -> Unconstra
     sigma = residual_sigma(regression, parameters, solution.rank)
     floor = _EXACT * np.maximum(regression.torque_rms, 1e-12)
     steps, length = _steps(R[:, columns], solution), regression.correlation
-    parts, shapes = [], tuple[Matrix, ...]()
+    parts, shapes = [], None
     for j, (factor, weight) in enumerate(
         zip(regression.factors, regression.sigma, strict=True)
     ):
@@ -418,12 +420,9 @@ def unconstrained_fit(regression: Regression, base: BaseParameters) -> Unconstra
         parts.append(np.vstack([scores, floor[j] * rows]))
     root = triangle(np.asfortranarray(np.vstack(parts)))
     if regression.noise is not None and regression.noise.shapes:
-        shapes = tuple(
-            _product(own[:, columns], steps) / weight**2
-            for own, weight in zip(
-                regression.noise.shapes, regression.sigma, strict=True
-            )
-        )
+        of_joints = zip(regression.noise.shapes, regression.sigma, strict=True)
+        shared = sum(own[:, columns] / weight**2 for own, weight in of_joints)
+        shapes = _product(np.asarray(shared), steps)
     inflation, between, beyond = root.T @ root, tuple[Scatter, ...](), 1.0
     if regression.noise is not None and regression.noise.beyond > 1.0:
         added = (regression.noise.beyond - 1.0) * inflation

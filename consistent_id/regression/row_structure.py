@@ -128,6 +128,9 @@ class NoisyRows(Protocol):
     ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
         """See `Motion.rows`."""
 
+    def shifted(self, row: int) -> Array | None:
+        """See `Motion.shifted`."""
+
     def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
         """See `Motion.drive_columns`."""
 

@@ -1,4 +1,4 @@
-"""Errors of parameters from Stribeck velocities that are not exactly known.
+"""Errors of parameters by what all samples share: Stribeck velocities, and a delay.
 
 Stribeck friction fades at a speed that is stated, or chosen from a few values.  A speed
 that is wrong by a factor ``exp(d)`` leaves the torque ``c d``, where ``c`` is the
@@ -11,6 +11,9 @@ the residual ``r``.  Before the rows are seen, ``d`` is normal with the standard
 deviation ``log(FACTOR)``.  Given them, its mean is ``m = c^T r s^2``, and its variance
 is ``s^2 = 1 / (M + 1 / log(FACTOR)^2)``.  So ``d`` is taken to be of the size
 ``sqrt(m^2 + s^2)``.
+
+A delay of commands shifts the torque likewise, see `Recording.torque_shift`.  Whoever
+found the delay knows its error, so the rows are not asked again.
 """
 
 from collections.abc import Sequence
@@ -19,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.regression.correlated_noise import SHOWN, CorrelatedNoise
 from consistent_id.regression.drive.drive_terms import DriveTerms
@@ -53,9 +56,10 @@ def with_shape_errors(
     noise: CorrelatedNoise,
     samples: Sequence[int] | None = None,
 ) -> CorrelatedNoise:
-    """Return noise with the scores of errors of Stribeck velocities.
+    """Return noise with the scores of errors that all samples share.
 
-    Where contact forces are taken out, rows are mixed, and there are none.
+    Those of Stribeck velocities, and of the delay of commands.  Where contact forces
+    are taken out, rows are mixed, and there are none.
 
     Parameters
     ----------
@@ -65,7 +69,8 @@ def with_shape_errors(
         Of these rows.
     """
     fading = _fading(model)
-    if not fading or any(motion.mixed for motion in motions):
+    late = any(motion.shifted(0) is not None for motion in motions)
+    if not (fading or late) or any(motion.mixed for motion in motions):
         return noise
     fit = joint_fit(factors, counts)
     totals = [len(m.q) for m in motions] if samples is None else samples
@@ -73,20 +78,47 @@ def with_shape_errors(
         _moments(model, motion, total, fit, fading)
         for motion, total in zip(motions, totals, strict=True)
     ]
-    scores, inner, rest = (np.sum(part, axis=0) for part in zip(*sums, strict=True))
+    scores, inner, rest, shifts = (
+        np.sum(part, axis=0) for part in zip(*sums, strict=True)
+    )
+    longer = np.maximum(np.array(counts) / noise.effective, 1.0)
     rows = [each.row for each in fading]
-    weights = fit.weights[rows, None]
-    steps = scores @ fit.steps / weights
+    scores *= _sizes(fit, longer, rows, scores, inner, rest)[:, None]
+    own = [
+        np.where(np.equal(rows, j)[:, None], scores, 0.0) for j in range(len(counts))
+    ]
+    if late:
+        own = [np.vstack(pair) for pair in zip(own, shifts, strict=True)]
+    shapes = (N * weight for N, weight in zip(own, fit.weights, strict=True))
+    return replace(noise, shapes=tuple(shapes))
+
+
+def _sizes(
+    fit: JointFit,
+    longer: Vector,
+    rows: Sequence[int],
+    scores: Matrix,
+    inner: Matrix,
+    rest: Vector,
+) -> Vector:
+    """Return how large errors of logarithms of Stribeck velocities are.
+
+    Parameters
+    ----------
+    longer : ndarray, shape (joints,)
+        Samples over those of white noise.
+    rows : sequence of int
+        The row of each velocity.
+    scores, inner, rest : ndarray
+        See `_moments`.
+    """
+    steps = scores @ fit.steps / fit.weights[rows, None]
     left = inner - steps @ steps.T
-    longer = np.maximum(np.array(counts) / noise.effective, 1.0)[rows]
-    level = np.sqrt(longer) * fit.noise[rows] / fit.weights[rows]
+    level = np.sqrt(longer[rows]) * fit.noise[rows] / fit.weights[rows]
     known = left / np.outer(level, level) + np.eye(len(rows)) / np.log(FACTOR) ** 2
     spread = np.linalg.inv(known)
     mean = spread @ (rest / level**2)
-    size = np.sqrt(np.diag(spread) + mean**2)
-    shapes = scores * weights * size[:, None]
-    of_joints = (shapes[np.equal(rows, j)] for j in range(len(counts)))
-    return replace(noise, shapes=tuple(of_joints))
+    return np.sqrt(np.diag(spread) + mean**2)
 
 
 def _fading(model: TorqueModel) -> list[_Fading]:
@@ -107,28 +139,33 @@ def _moments(
     total: int,
     fit: JointFit,
     fading: Sequence[_Fading],
-) -> tuple[Matrix, Matrix, Vector]:
-    """Return products of the changes of friction along a motion.
+) -> tuple[Matrix, Matrix, Vector, Array]:
+    """Return products of the changes of friction along a motion, in units of weights.
 
-    With all columns, with each other, and with the residuals, in units of weights.
+    With all columns, with each other, and with the residuals; and the products of each
+    joint's shift of torque with all columns, shape (joints, 1, parameters).
     """
     surplus = max(len(motion.q) - SHOWN, 0)
     last = len(motion.q) - (surplus - surplus // 2)
     shown = motion.samples(surplus // 2, last)
     scores = np.zeros((len(fading), len(fit.x)))
     inner, rest = np.zeros((len(fading), len(fading))), np.zeros(len(fading))
+    shifts = np.zeros((len(fit.weights), 1, len(fit.x)))
     for j, (rows, expand) in enumerate(joint_rows(model, shown)):
         own = [k for k, each in enumerate(fading) if each.row == j]
+        weight = fit.weights[j]
+        shift = shown.shifted(j)
+        if shift is not None:
+            shifts[j] = shift @ rows[:, :-1] @ expand / weight
         if not own:
             continue
-        weight = fit.weights[j]
         residual = rows[:, -1] - rows[:, :-1] @ (expand @ fit.x)
         changes = np.column_stack([_change(shown, fading[k], fit.x) for k in own])
         scores[own] = changes.T @ rows[:, :-1] @ expand / weight
         inner[np.ix_(own, own)] = changes.T @ changes / weight**2
         rest[own] = changes.T @ residual / weight**2
     part = total / len(shown.q)
-    return scores * part, inner * part, rest * part
+    return scores * part, inner * part, rest * part, shifts * part
 
 
 def _change(motion: NoisyRows, fading: _Fading, x: Vector) -> Vector:

@@ -123,4 +123,6 @@ def simulate_torque(
             raise ProblemError("noise needs a random generator; pass rng=")
         torque = torque + rng.normal(size=torque.shape) * sigma
     name = f"{motion.name} (simulated)"
-    return replace(motion, torque=torque, torque_filter=None, name=name)
+    return replace(
+        motion, torque=torque, torque_filter=None, torque_shift=None, name=name
+    )

@@ -18,6 +18,7 @@ from consistent_id.rollout.candidates import Candidates
 from consistent_id.rollout.delay_interval import (
     ALIKE,
     SPEEDS,
+    delay_error,
     delay_interval,
     other_frictions,
 )
@@ -147,7 +148,8 @@ def chosen_settings(
             f"{'has' if len(unbounded) == 1 else 'have'} no range"
         )
     interval = delay_interval(found, others, most)
-    return SettingsChoice(best, error(best), tried, found, tuple(skipped), interval)
+    sure = replace(best, delay_error=delay_error(found, interval))
+    return SettingsChoice(sure, error(best), tried, found, tuple(skipped), interval)
 
 
 def _searched(

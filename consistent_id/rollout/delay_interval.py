@@ -25,6 +25,7 @@ from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.recordings.signals import PDGains
+from consistent_id.regression.residual_noise import NORMAL
 from consistent_id.rollout.candidates import Candidates
 from consistent_id.rollout.commanded_motion import replayable
 from consistent_id.rollout.delay_search import (
@@ -95,6 +96,18 @@ def delay_interval(
         ends.append(other.interval)
     low, high = min(low for low, _ in ends), max(high for _, high in ends)
     return max(low - SAME, 0.0), high + SAME
+
+
+def delay_error(found: FoundDelay, interval: tuple[float, float] | None) -> float:
+    """Return the standard error of a delay, from its interval [s].
+
+    By the end that is farther away.  Where the interval is not known, the distance of
+    delays that are tried.
+    """
+    if interval is None:
+        return NEAR
+    low, high = interval
+    return float(f"{max(high - found.delay, found.delay - low) / NORMAL:.3g}")
 
 
 def delay_words(found: FoundDelay, interval: tuple[float, float] | None) -> str:

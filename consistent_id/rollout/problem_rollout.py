@@ -42,6 +42,10 @@ from consistent_id.rollout.delay_interval import (
     without_rests,
 )
 from consistent_id.rollout.delay_search import FoundDelay
+from consistent_id.rollout.delivered_parameters import (
+    delivered_parameters,
+    parameter_table,
+)
 from consistent_id.rollout.refine import Refined, refined
 from consistent_id.rollout.refinement_choice import RidgeChoice, chosen_ridge
 from consistent_id.rollout.settings import (
@@ -149,7 +153,7 @@ class ProblemRollout:
             tables.append(self._refinement_table(self.ridge))
         tables += self.problem.drives.tables()
         if self.scatter is not None:
-            tables.append(self.scatter.table())
+            tables.append(parameter_table(self.estimate, self.scatter))
         if self.trend is not None:
             tables.append(self.trend.table())
         return tables
@@ -252,7 +256,7 @@ class ProblemRollout:
         if self.form is not None:
             record["form"] = self.form._asdict()
         if self.scatter is not None:
-            record["parameters"] = self.scatter.to_dict()
+            record["parameters"] = delivered_parameters(self.estimate, self.scatter)
         if self.trend is not None:
             record["parameters_at_speed"] = self.trend.to_dict()
         if self.settings is not None:

@@ -362,19 +362,36 @@ def _estimate(
     if estimate.fit is not None:
         # The torque's own optimum shows whether constraints contradict the torque.
         fit = replace(fit, excess=estimate.fit.excess)
+    errors, covariance = _with_change(estimate, x)
     return replace(
         estimate,
         method=Method.REFINED_BY_ROLLOUT,
         parameters=x,
-        base_covariance=None,
-        parameter_errors=None,
-        parameter_quantiles=None,
+        base_covariance=covariance,
+        parameter_errors=errors,
         certificate=Certificate("uncertified", reason, figures),
         notes=(note, *estimate.notes),
         seconds=seconds,
         fit=fit,
         judged=None,
     )
+
+
+def _with_change(estimate: Estimate, x: Vector) -> tuple[Vector | None, Matrix | None]:
+    """Return errors of refined parameters, and the covariance of base parameters.
+
+    Torque and rollouts are two views of the same log.  What one says differs from what
+    the other says by noise, and by what the model lacks, so the change counts as one
+    standard error beside the torque fit's.
+    """
+    errors, covariance = estimate.parameter_errors, estimate.base_covariance
+    change = x - estimate.parameters
+    if errors is not None:
+        errors = np.hypot(errors, change)
+    if covariance is not None:
+        moved = estimate.base.projection @ change
+        covariance = covariance + np.diag(moved**2)
+    return errors, covariance
 
 
 def free_parameters(model: TorqueModel, constraints: Sequence[Constraint]) -> IntArray:

@@ -122,8 +122,8 @@ class Settings:
     velocity_scale : float, [rad/s or m/s]
     friction_slope : tuple of str
         Joints whose friction varies with position.
-    delay : float, [s]
-        Delay of commands.
+    delay, delay_error : float, [s]
+        Delay of commands, and its standard error.
     stiffness : tuple of float, optional, [N m/rad or N/m]
         Stiffness of springs between motors and links, one each, infinite for a rigid
         joint; by default those of the problem.
@@ -162,6 +162,7 @@ class Settings:
     load_friction: bool | None = None
     least_joint_speed: float | None = None
     bodies: Literal["model"] | None = None
+    delay_error: float = 0.0
 
 
 def with_settings(problem: Problem, settings: Settings) -> Problem:
@@ -246,6 +247,7 @@ def _data(
         gains=change(
             gains,
             delay=settings.delay,
+            delay_error=settings.delay_error,
             scale=known.scale.tolist(),
             encoder_bias=known.encoder_bias.tolist(),
             stiffness=_stated(problem, settings.stiffness),

@@ -5,7 +5,6 @@ import pytest
 from scipy.special import digamma, polygamma
 
 from consistent_id.estimation.uncertainties.block_scatter import (
-    BlockScatter,
     RecordingScatter,
     _independent,
     excess,
@@ -115,23 +114,6 @@ def test_variances_that_differ_by_a_thousandth_or_so_are_alike(freedom):
         assert np.isinf(found.freedom) and np.ptp(found.values) == 0.0
     else:
         assert found.freedom == pytest.approx(freedom + 10.0, rel=1e-6)
-
-
-def test_values_and_errors_of_blocks_are_shown():
-    known = BlockScatter(
-        ("a", "b"), [10.0, 2.0], [3.0, 0.0], [8.0, 2.0], 4, [np.inf] * 2
-    )
-    record = known.to_dict()
-    assert record["a"] == {
-        "values": 10.0,
-        "noise": 3.0,
-        "between": 8.0,
-        "standard_errors": 5.0,
-    }
-    assert record["b"]["standard_errors"] == 1.0
-    assert "between 4 blocks" in known.table().title
-    # By scatter alone, of three degrees of freedom: Student's 3.18
-    assert known.table().rows[1] == ("b", "2", "0", "2", "1", "3.2")
 
 
 @pytest.mark.parametrize(("count", "few"), [(5, True), (6, False)])

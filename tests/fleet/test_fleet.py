@@ -140,7 +140,7 @@ def test_errors_of_stribeck_velocities_stay_with_a_robots_share(tmp_path):
         C = np.linalg.lstsq(A[:, mine], A[:, fleet.common], rcond=None)[0]
         expected = N[:, fleet.common] - N[:, mine] @ C
         found = share.shared.noise.shapes[j]
-        assert len(found) == 1 and found.any()
+        assert len(found) == 2 and found.any()
         np.testing.assert_allclose(found, expected, atol=1e-9 * abs(N).max())
     write_share(tmp_path / "a.npz", share)
     again = read_share(tmp_path / "a.npz", fleet)

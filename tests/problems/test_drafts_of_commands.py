@@ -98,6 +98,10 @@ def test_the_delay_of_commands_is_drafted(tmp_path, late, drafted):
     found = draft.table(tmp_path).data.gains.delay
     assert found == pytest.approx(drafted, abs=1e-3)
     assert draft.problem().delay_of_commands == found
+    error = draft.table(tmp_path).data.gains.delay_error
+    assert 0.0 < error < 1e-3
+    assert draft.problem().drives.calibration.delay_error == error
+    assert draft.problem().training[0].torque_shift.any()
 
 
 @pytest.mark.slow
@@ -105,6 +109,7 @@ def test_a_command_reaches_its_drive_before_the_next_is_sent(tmp_path):
     urdf, logs = commanded_logs(tmp_path, 1.0, late=0.017)
     draft = draft_problem(urdf, logs, gains=GAINS, select=False, cutoff=10.0)
     assert draft.delay == 0.01
+    assert 0.01 <= draft.delay_error < 0.02  # by as much the torque fits a longer one
     assert "longest delay that is tried, one sample" in draft.text(tmp_path)
 
 

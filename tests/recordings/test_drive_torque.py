@@ -6,6 +6,12 @@ import numpy as np
 import pytest
 
 from consistent_id import Recording, RecordingError
+from consistent_id.recordings.signals import (
+    decimated,
+    differentiated,
+    low_passed,
+    resampled,
+)
 from consistent_id.recordings.signals.drive_torque import (
     DriveCalibration,
     PDGains,
@@ -32,6 +38,44 @@ def test_a_command_acts_half_a_step_and_its_delay_later():
         np.testing.assert_allclose(torque[3], 10.0 * (command - np.array([1.0, 2.0])))
     early = commanded(log(), PDGains(10.0, 1.0), delay=5.0).torque
     np.testing.assert_allclose(early[-1], [-10.0, -20.0])  # the first command holds
+
+
+def test_the_error_of_a_delay_shifts_the_torque():
+    """Commands rise by 10 a second: 50 ms more of delay take off 10 * 0.5."""
+    gains = PDGains(10.0, 1.0)
+    for delay in (0.0, 0.02, 0.1):
+        found = commanded(log(), gains, delay=delay, delay_error=0.05)
+        np.testing.assert_allclose(found.torque_shift[3], [-5.0, -5.0])
+        plain = commanded(log(), gains, delay=delay)
+        assert plain.torque_shift is None
+        np.testing.assert_array_equal(found.torque, plain.torque)
+    limited = PDGains(10.0, 1.0, [100.0, 1e-3])
+    found = commanded(log(), limited, delay=0.1, delay_error=0.05)
+    assert found.torque_shift[5].tolist() == pytest.approx([-5.0, 0.0])
+    known = DriveCalibration(0.1, [1.0, 2.0], delay_error=0.05)
+    np.testing.assert_allclose(
+        calibrated(log(), gains, known.of(2)).torque_shift[3], [-5.0, -10.0]
+    )
+
+
+def test_a_shift_passes_what_the_torque_passes():
+    time = np.arange(400) / 100.0
+    wave = np.sin(np.outer(time, [3.0, 5.0]))
+    raw = Recording(("a", "b"), time, wave, position_command=1.1 * wave)
+    made = commanded(raw, PDGains(10.0, 1.0), delay=0.02, delay_error=0.01)
+    same = replace(made, torque=made.torque_shift)  # so the torque shows it
+
+    def prepared(log):
+        log = differentiated(resampled(log, 80.0))
+        return decimated(low_passed(log, motion_cutoff=8.0, torque_cutoff=8.0), 2)
+
+    found = prepared(same)
+    np.testing.assert_allclose(found.torque_shift, found.torque)
+    assert len(found) < 170 and found.torque_filter is not None
+    part = found.of(("b",)).samples(slice(3, 9))
+    np.testing.assert_array_equal(part.torque_shift, found.torque[3:9, 1:])
+    assert prepared(made).torque_shift is not None
+    assert prepared(raw).torque_shift is None
 
 
 def test_gains_act_on_differences_and_feed_forward_is_added():
@@ -81,6 +125,8 @@ def test_springs_in_series_add_their_compliances():
         ({"compliance": [0.0, -1e-9]}, "compliance is"),
         ({"delay": -1e-9}, "delay of commands is"),
         ({"delay": np.inf}, "delay of commands is"),
+        ({"delay_error": -1e-9}, "error of the delay of commands is"),
+        ({"delay_error": np.inf}, "error of the delay of commands is"),
         ({"encoder_bias": np.nan}, "encoder_bias"),
     ],
 )
@@ -94,6 +140,8 @@ def test_delays_and_numbers_of_joints_are_checked():
     for wrong in (-1e-9, np.inf, np.nan):
         with pytest.raises(RecordingError, match="delay of commands is"):
             commanded(log(), PDGains(1.0, 1.0), delay=wrong)
+        with pytest.raises(RecordingError, match="error of the delay of commands is"):
+            commanded(log(), PDGains(1.0, 1.0), delay_error=wrong)
     with pytest.raises(RecordingError, match="has 3 values for 2 joints"):
         commanded(log(), PDGains([1.0] * 3, 1.0))
     with pytest.raises(RecordingError, match="has 3 values for 2 joints"):

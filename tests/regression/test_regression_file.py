@@ -58,13 +58,17 @@ def test_every_number_comes_back_to_the_last_bit(tmp_path):
 def test_errors_of_stribeck_velocities_come_back_as_well(tmp_path):
     drive = DriveTerms(viscous=True, coulomb="sign", stribeck_velocity=0.2)
     regression = build_regression(*case(drive=drive))
-    assert [len(N) for N in regression.noise.shapes] == [1, 1, 1]
+    assert [len(N) for N in regression.noise.shapes] == [3, 3, 3]
     file = save_regression(regression, tmp_path / "r.json")
     same(load_regression(file), regression)
     record = json.loads(file.read_text())
     record["noise"]["shapes"].pop()
     file.write_text(json.dumps(record))
     with pytest.raises(ProblemError, match="shapes of 2 joints, expected 3 or none"):
+        load_regression(file)
+    record["noise"]["shapes"].append([])
+    file.write_text(json.dumps(record))
+    with pytest.raises(ProblemError, match="3 and 3 and 0 rows of the joints"):
         load_regression(file)
 
 

@@ -8,6 +8,8 @@ from scipy import signal
 
 import consistent_id as ci
 from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
+from consistent_id.recordings.signals import PDGains, commanded, low_passed
+from consistent_id.recordings.signals.clocks import cubic_spline
 from consistent_id.regression import shape_errors
 from consistent_id.regression.correlated_noise import joined_noise
 from consistent_id.regression.recorded_motion import motion_of
@@ -68,7 +70,7 @@ def test_the_error_of_a_velocity_is_found_and_so_is_what_it_does(change):
     moved = found.base_values - base.projection @ truth
     columns = list(base.independent)
     R, shapes = regression.stacked()[:, columns], regression.noise.shapes
-    (first,), (second,) = (N[:, columns] for N in shapes)
+    first, second = np.sum(shapes, axis=0)[:, columns]
     response = np.linalg.inv(R.T @ R)
     own = friction_of(base)[:3]
     assert abs(response @ first)[own] == pytest.approx(abs(moved[own]), rel=0.05)
@@ -90,7 +92,7 @@ def test_scores_are_those_of_dense_rows(noise):
         arm((v,) * JOINTS).regressor(log.position, log.velocity, log.acceleration)
         for v in (STATED * 1.001, STATED * 0.999)
     )
-    for j, (N,) in enumerate(regression.noise.shapes):
+    for j, N in enumerate(np.sum(regression.noise.shapes, axis=0)):
         c = ((high - low)[j] / (2 * 0.001)).T @ x
         scores = Y[j] @ c
         size = np.linalg.norm(N) / np.linalg.norm(scores)
@@ -106,6 +108,58 @@ def test_nothing_is_added_without_such_friction():
     assert regression.noise.shapes == ()
     given = model, regression.factors, regression.counts, [motion_of(model, log, None)]
     assert with_shape_errors(*given, regression.noise) is regression.noise
+
+
+def told(velocities, rng, delay, error, samples=SAMPLES):
+    """A log of commands that are late, and its torque for a delay that is assumed."""
+    truth, log = recorded(arm(velocities), rng, 0.0)
+    gains, time = PDGains([200.0, 100.0], 0.0), log.time
+    q = log.position + log.torque / gains.kp  # so torque is that of the robot
+    ahead = cubic_spline(time, q, time + delay + 0.5 * (time[1] - time[0]))
+    raw = replace(log, torque=None, position_command=ahead)
+    return truth, commanded(raw, gains, delay=error[0], delay_error=error[1])
+
+
+@pytest.mark.parametrize("cutoff", [None, 8.0])
+def test_the_error_of_a_delay_does_what_another_delay_does(cutoff):
+    """All joints have the same delay: its scores add, also those of bodies."""
+    base, found = ci.regression.base_parameters(arm()), []
+    for delay in (0.02, 0.021):
+        rng = np.random.default_rng(11)
+        _, log = told((STATED,) * JOINTS, rng, 0.02, (delay, 0.001))
+        inner = log.samples(slice(50, -50))
+        bare = replace(inner, torque_shift=None)
+        if cutoff is not None:
+            inner = low_passed(inner, torque_cutoff=cutoff)
+        regression = ci.build_regression(arm(), inner)
+        equal = replace(regression, sigma=np.array([0.5, 2.0]))
+        found.append(unconstrained_fit(equal, base))
+    moved = found[1].solution.x - found[0].solution.x
+    *_, last = found[0].noise.shapes
+    np.testing.assert_allclose(
+        found[0].noise.steps @ last, moved, rtol=0.02, atol=0.02 * abs(moved).max()
+    )
+    assert len(ci.build_regression(arm(), bare).noise.shapes[0]) == JOINTS
+
+
+@pytest.mark.slow
+def test_intervals_hold_where_the_delay_is_not_the_true_one():
+    rng, held, bare = np.random.default_rng(12), [], []
+    base = ci.regression.base_parameters(arm())
+    for _ in range(25):
+        wrong = 0.02 + 0.001 * rng.normal()
+        truth, log = told((STATED,) * JOINTS, rng, 0.02, (wrong, 0.001))
+        noise = 0.1 * rng.normal(size=log.torque.shape)
+        log = replace(log, torque=log.torque + noise).samples(slice(50, -50))
+        for inside, used in ((held, log), (bare, replace(log, torque_shift=None))):
+            regression = ci.build_regression(arm(), used)
+            free = unconstrained_fit(regression, base)
+            found = ci.least_squares(arm(), regression, base=base)
+            error = abs(found.base_values - base.projection @ truth)
+            half = free.noise.quantiles * found.standard_errors
+            inside.append(np.mean(error <= half))
+    assert np.mean(held) >= 0.93
+    assert np.mean(bare) < 0.8
 
 
 def test_correlated_noise_tells_less_of_a_velocity():
@@ -135,7 +189,7 @@ def test_errors_of_velocities_do_not_widen_quantiles():
     _, log = recorded(arm((0.2, 0.1)), np.random.default_rng(9), 0.5)
     base = ci.regression.base_parameters(arm())
     noise = unconstrained_fit(ci.build_regression(arm(), log), base).noise
-    bare = replace(noise, shapes=())
+    bare = replace(noise, shapes=None)
     own, all_columns = friction_of(base), np.eye(len(base))
     more, few = (each.freedoms(all_columns)[own] for each in (noise, bare))
     assert (more > few).all()

@@ -98,6 +98,12 @@ def test_refinement_lowers_the_error_it_learns_from_within_the_constraints(folde
     assert again == pytest.approx(found.after, rel=1e-9)
     known = lowered(problem.constraints, problem.model)
     assert known.violation(done.estimate.parameters) < 1e-9
+    change = done.estimate.parameters - fits[0].parameters
+    sure, errors = fits[0].parameter_errors, done.estimate.parameter_errors
+    np.testing.assert_allclose(errors, np.hypot(sure, change))
+    moved = done.estimate.base.projection @ change
+    more = done.estimate.base_covariance - fits[0].base_covariance
+    np.testing.assert_allclose(np.diag(more), moved**2, atol=1e-12)
     assert done.to_dict()["refined"]["training_error_after"] == found.after
     assert done.estimate.certificate.verdict == "uncertified"
 
@@ -114,12 +120,18 @@ def test_settings_are_the_best_of_those_that_were_tried(folder):
     problem = load_problem(folder)
     choice = chosen_settings(problem)
     errors = dict(choice.tried)
-    assert choice.error == errors[choice.settings] <= 1.03 * min(errors.values())
+    tried = replace(choice.settings, delay_error=0.0)
+    assert choice.error == errors[tried] <= 1.03 * min(errors.values())
     assert choice.settings.delay <= 0.0025  # there is none
     assert choice.delay.at_bound == (choice.settings.delay == 0.0)
     assert not choice.settings.friction_slope
     made = with_settings(problem, choice.settings)
     assert made.delay_of_commands == choice.settings.delay
+    low, high = choice.delay_interval
+    farther = max(high - choice.delay.delay, choice.delay.delay - low)
+    error = made.table.data.gains.delay_error
+    assert error == pytest.approx(farther / 1.96, rel=0.01)
+    assert made.training[0].torque_shift.any()
     assert made.table.drive.velocity_scale == choice.settings.velocity_scale
 
 
@@ -202,6 +214,11 @@ def test_the_shell_replays_and_writes_what_it_found(folder, tmp_path, capsys):
     expected = record["parameters_at_speed"]
     assert expected["speed"] > 1.2  # the chirp goes on
     assert set(expected["parameters"]) == set(record["parameters"])
+    kept = parsed((out / f"{record['method'].replace(' ', '_')}.json").read_text())
+    for name, own in record["parameters"].items():
+        same = kept["parameters"][name]
+        assert own["value"] == pytest.approx(same["value"])
+        assert own["half_interval"] == pytest.approx(same["half_interval"])
     kept = parsed((out / "rollout.json").read_text())
     assert len(kept.pop("digest")) > 8  # it marks the tool's own files
     assert kept == record

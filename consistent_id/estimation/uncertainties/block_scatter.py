@@ -22,7 +22,6 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Vector, freeze_arrays
-from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
 from consistent_id.errors import NotExcitedError
 from consistent_id.estimation.determination import FreeParameters, least_squares
@@ -128,45 +127,6 @@ class BlockScatter:
         """Return whether another motion's values are within `widths_for` it."""
         away = abs(self.values - other.values)
         return np.asarray(away <= self.widths_for(other, between=between))
-
-    def to_dict(self) -> dict[str, dict[str, float]]:
-        """Return values and errors by name, for JSON."""
-        fields = ("values", "noise", "between", "standard_errors")
-        return {
-            name: {field: float(getattr(self, field)[k]) for field in fields}
-            for k, name in enumerate(self.names)
-        }
-
-    def table(self) -> Table:
-        """Return values and errors for people."""
-        return Table(
-            f"Parameters and their scatter between {self.blocks} blocks of the motion",
-            (
-                "parameter",
-                "value",
-                "by noise",
-                "between blocks",
-                "standard error",
-                "95 % +-",
-            ),
-            tuple(
-                (name, f"{x:.4g}", *(f"{error:.2g}" for error in errors))
-                for name, x, *errors in zip(
-                    self.names,
-                    self.values,
-                    self.noise,
-                    self.between,
-                    self.standard_errors,
-                    self.quantiles * self.standard_errors,
-                    strict=True,
-                )
-            ),
-            (
-                "values of least squares under the equalities alone",
-                "a motion as long as a block may differ by the scatter between "
-                "blocks; the standard error is that of their mean",
-            ),
-        )
 
 
 def block_scatter(

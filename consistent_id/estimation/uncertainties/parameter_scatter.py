@@ -200,7 +200,7 @@ def parameter_scatter(
         noise = replace(noise, between=(), beyond=1.0)
     elif recordings is None and noise.beyond > 1.0:
         variance = np.maximum(variance, noise.beyond * variances(fitted, rows))
-    if noise.shapes:  # the same in all segments and recordings, so none shows it
+    if noise.shapes is not None:  # shared by all segments and recordings: none shows it
         variance = variance + variances(fitted, shape_scores(fitted, noise))
     known = fitted.best.scaled.constraints.A_eq
     errors = linear_errors(base, noise, known)
@@ -338,7 +338,7 @@ def noise_scores(fitted: ConstrainedFit, noise: ResidualNoise) -> Matrix:
     -------
     ndarray, shape (rows, parameters)
     """
-    return _in_parameters(fitted, noise, noise.of_joints)
+    return _in_parameters(fitted, noise, np.vstack(noise.of_joints))
 
 
 def shape_scores(fitted: ConstrainedFit, noise: ResidualNoise) -> Matrix:
@@ -348,14 +348,15 @@ def shape_scores(fitted: ConstrainedFit, noise: ResidualNoise) -> Matrix:
     -------
     ndarray, shape (shapes, parameters)
     """
-    return _in_parameters(fitted, noise, noise.shapes)
+    rows = np.zeros((0, noise.rank)) if noise.shapes is None else noise.shapes
+    return _in_parameters(fitted, noise, rows)
 
 
 def _in_parameters(
-    fitted: ConstrainedFit, noise: ResidualNoise, of_joints: Sequence[Matrix]
+    fitted: ConstrainedFit, noise: ResidualNoise, scores: Matrix
 ) -> Matrix:
     scaled = fitted.best.scaled
-    rows = np.vstack(of_joints) @ noise.coordinates
+    rows = scores @ noise.coordinates
     return np.asarray(rows / scaled.size**2 @ scaled.projection)
 
 

@@ -171,6 +171,7 @@ def onto_clock(recording: Recording, clock: Vector) -> Recording:
         velocity=onto(recording.velocity),
         acceleration=onto(recording.acceleration),
         torque=onto(recording.torque),
+        torque_shift=onto(recording.torque_shift),
         **_resampled_beside(recording, clock),
         **held_commands(recording, clock),  # type: ignore[arg-type]
     )

@@ -5,7 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector, array_default, freeze, frozen
+from consistent_id._support.arrays import (
+    Array,
+    Matrix,
+    Vector,
+    array_default,
+    freeze,
+    frozen,
+)
 from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording, velocities
@@ -70,7 +77,13 @@ class PDGains:
         return PDGains(**by_joint(self, _GAINS, joints))
 
 
-def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Recording:
+def commanded(
+    recording: Recording,
+    gains: PDGains,
+    *,
+    delay: float = 0.0,
+    delay_error: float = 0.0,
+) -> Recording:
     """Return a recording with the torque from its commands and gains.
 
     A command is constant from its sample to the next, so its mean delay is half a step:
@@ -85,11 +98,13 @@ def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Re
     delay : float, [s]
         Additional delay of commands: they are read at an earlier time, by linear
         interpolation between samples.  Measurements of the drives are not delayed.
+    delay_error : float, [s]
+        Standard error of the delay; the torque's change is `Recording.torque_shift`.
 
     Raises
     ------
     RecordingError
-        If there is no command of position, or the delay is negative.
+        If there is no command of position, or the delay or its error is negative.
 
     Examples
     --------
@@ -104,23 +119,32 @@ def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Re
             f"{recording.name}: gains need commands, but there is no "
             f"position_command; name its columns"
         )
-    if not 0.0 <= delay < np.inf:
-        raise RecordingError(f"delay of commands is {delay} s, expected 0 or more")
+    for what, value in (("delay", delay), ("error of the delay", delay_error)):
+        if not 0.0 <= value < np.inf:
+            raise RecordingError(f"{what} of commands is {value} s, expected 0 or more")
     gains = gains.of(len(recording.joints))
     velocity = velocities(recording)
-    late = delay + 0.5 * float(np.median(np.diff(recording.time)))
-    commands = (
-        None if values is None else _late(recording.time, values, late)
-        for values in (
-            recording.position_command,
-            recording.velocity_command,
-            recording.torque_command,
+    own = 0.5 * float(np.median(np.diff(recording.time)))
+
+    def torque(late: float) -> Array:
+        commands = (
+            None if values is None else _late(recording.time, values, own + late)
+            for values in (
+                recording.position_command,
+                recording.velocity_command,
+                recording.torque_command,
+            )
         )
-    )
-    q, dq, feed_forward = (0.0 if values is None else values for values in commands)
-    torque = gains.kp * (q - recording.position) + gains.kd * (dq - velocity)
-    torque = np.clip(torque + feed_forward, -gains.torque_limit, gains.torque_limit)
-    return replace(recording, torque=torque)
+        q, dq, feed_forward = (0.0 if values is None else values for values in commands)
+        tau = gains.kp * (q - recording.position) + gains.kd * (dq - velocity)
+        return np.clip(tau + feed_forward, -gains.torque_limit, gains.torque_limit)
+
+    shift = None
+    if delay_error > 0.0:
+        sooner, later = max(delay - delay_error, 0.0), delay + delay_error
+        slope = (torque(later) - torque(sooner)) / (later - sooner)
+        shift = slope * delay_error
+    return replace(recording, torque=torque(delay), torque_shift=shift)
 
 
 @brief
@@ -141,18 +165,21 @@ class DriveCalibration:
     encoder_bias : array_like, shape () or (joints,), [rad or m]
     compliance : array_like, shape () or (joints,), [rad/(N m) or m/N]
         Zero for a rigid joint.
+    delay_error : float, [s]
+        Standard error of the delay.
 
     Raises
     ------
     RecordingError
-        If the delay or a compliance is negative, a scale is not positive, or a bias
-        not finite.
+        If the delay, its error or a compliance is negative, a scale is not positive, or
+        a bias not finite.
     """
 
     delay: float = 0.0
     scale: Vector = array_default(1.0)
     encoder_bias: Vector = array_default(0.0)
     compliance: Vector = array_default(0.0)
+    delay_error: float = 0.0
 
     def __post_init__(self) -> None:
         for name in _BY_JOINT:
@@ -163,10 +190,12 @@ class DriveCalibration:
             raise RecordingError(f"scale is {self.scale}, expected positive numbers")
         if not (np.asarray(self.compliance) >= 0.0).all():
             raise RecordingError(f"compliance is {self.compliance}, expected 0 or more")
-        if not 0.0 <= self.delay < np.inf:
-            raise RecordingError(
-                f"delay of commands is {self.delay} s, expected 0 or more"
-            )
+        late = {"delay": self.delay, "error of the delay": self.delay_error}
+        for what, value in late.items():
+            if not 0.0 <= value < np.inf:
+                raise RecordingError(
+                    f"{what} of commands is {value} s, expected 0 or more"
+                )
 
     def of(self, joints: int) -> "DriveCalibration":
         """Return the calibration of so many joints, one value each.
@@ -176,7 +205,8 @@ class DriveCalibration:
         RecordingError
             If there are values for another number of joints.
         """
-        return DriveCalibration(self.delay, **by_joint(self, _BY_JOINT, joints))
+        values = by_joint(self, _BY_JOINT, joints)
+        return DriveCalibration(self.delay, **values, delay_error=self.delay_error)
 
     def gains(self, gains: PDGains) -> PDGains:
         """Return the real gains of stated ones; torque limits are scaled, too.
@@ -232,7 +262,12 @@ def calibrated(
     array([18.])
     """
     true = calibration.log(recording)
-    return commanded(true, calibration.gains(gains), delay=calibration.delay)
+    return commanded(
+        true,
+        calibration.gains(gains),
+        delay=calibration.delay,
+        delay_error=calibration.delay_error,
+    )
 
 
 def stiffness_of(compliance: Vector) -> Vector:

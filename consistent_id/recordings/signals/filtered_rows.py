@@ -381,6 +381,8 @@ def _through(
     if source.torque is not None:
         known = torque is not None
         channels["torque"] = torque if known else through(source.torque, kept)
+    if source.torque_shift is not None:
+        channels["torque_shift"] = through(source.torque_shift, kept)
     wrenches = tuple(
         replace(own, values=through(whole.values, kept))
         for own, whole in zip(part.wrenches, source.wrenches, strict=True)

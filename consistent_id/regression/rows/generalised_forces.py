@@ -4,6 +4,8 @@
 is, turns it by its moment about the base's origin, and weighs on the joints before it.
 """
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -78,20 +80,45 @@ def measured_forces(model: TorqueModel, recording: Recording) -> Matrix | None:
             "floats; give Recording(..., base=BaseMotion(...)), or load the robot with "
             "a fixed base"
         )
-    wanted = model.torque_joints
-    every = row_names(robot)
-    if wanted == (CONTACT_FREE,):
-        wanted = every
-    own = [name for name in wanted if name in robot.joint_names]
-    forces = np.zeros((len(recording), len(every)))
-    if own:
-        torque = recording.of(own).torque
-        if torque is None:
-            return None
-        forces[:, [every.index(name) for name in own]] = torque
+    forces = _of_drives(model, recording, "torque")
+    if forces is None:
+        return None
     for wrench in recording.wrenches:
         forces += _of_wrench(robot, recording, wrench)
-    return forces[:, [every.index(name) for name in wanted]]
+    return _wanted(model, forces)
+
+
+def shifted_forces(model: TorqueModel, recording: Recording) -> Matrix | None:
+    """Return the `torque_shift` of a floating robot's rows, if the recording has it."""
+    if recording.torque_shift is None:
+        return None
+    forces = _of_drives(model, recording, "torque_shift")
+    return None if forces is None else _wanted(model, forces)
+
+
+def _of_drives(
+    model: TorqueModel,
+    recording: Recording,
+    channel: Literal["torque", "torque_shift"],
+) -> Matrix | None:
+    """Return a channel of the joints in all rows; None if a row lacks it."""
+    wanted, every = model.torque_joints, row_names(model.robot)
+    names = every if wanted == (CONTACT_FREE,) else wanted
+    own = [name for name in names if name in model.robot.joint_names]
+    forces = np.zeros((len(recording), len(every)))
+    if own:
+        values = getattr(recording.of(own), channel)
+        if values is None:
+            return None
+        forces[:, [every.index(name) for name in own]] = values
+    return forces
+
+
+def _wanted(model: TorqueModel, forces: Matrix) -> Matrix:
+    """Return the rows that a model has, of all."""
+    wanted, every = model.torque_joints, row_names(model.robot)
+    names = every if wanted == (CONTACT_FREE,) else wanted
+    return np.asarray(forces[:, [every.index(name) for name in names]])
 
 
 def _of_wrench(robot: RobotModel, recording: Recording, wrench: Wrench) -> Matrix:
