@@ -124,19 +124,28 @@ def replayed(seed: int, folder: Path) -> Replayed:
         done.rollout.rmse(str(file), offsets=True),
         _of_fit(done),
         _of(done),
-        *_held(done, drives),
+        *_held(done, _comparable(drives, case.friction)),
         seconds,
     )
+
+
+def _comparable(drives: dict[str, float], friction: str) -> dict[str, float]:
+    """Return the drives that a model without friction by load has as well.
+
+    Its Coulomb friction contains the mean of that by load.
+    """
+    alike = friction != "load"
+    return {n: x for n, x in drives.items() if alike or not n.endswith(".coulomb")}
 
 
 def _held(done: ProblemRollout, drives: dict[str, float]) -> tuple[int, int]:
     """Return how many true values intervals hold, and the number of intervals."""
     own, layout = done.estimate, done.estimate.model.layout
     half = own.half_intervals
-    if half is None:
+    known = {name: value for name, value in drives.items() if name in layout.names}
+    if half is None or not known:
         return 0, 0
-    places = [layout.index(name) for name in drives if name in layout.names]
-    true = [value for name, value in drives.items() if name in layout.names]
+    places, true = [layout.index(name) for name in known], list(known.values())
     away = abs(own.parameters[places] - true)
     return int((away <= half[places]).sum()), int(np.isfinite(half[places]).sum())
 

@@ -130,12 +130,14 @@ def found_delay(
             break
         total(lowest)
     best = min(tried, key=total)
-    for near in (max(best - NEAR, 0.0), min(best + NEAR, most)):
-        if abs(near - best) < SAME:
-            continue
-        closer = any(0.0 < (d - best) / (near - best) < 2.0 for d in tried if d != best)
-        if not closer:
-            total(round(near, 6))
+    for reach in (-NEAR, NEAR):
+        while abs(reach) >= SAME:
+            near = min(max(best + reach, 0.0), most)
+            if abs(near - best) < SAME or _has_between(tried, best, best + 2.0 * reach):
+                break
+            if np.isfinite(total(round(near, 6))):
+                break
+            reach /= 2.0  # its motion diverges
     best = min(tried, key=total)
     places = _around(tried, best)
     points = [(d, total(d)) for d in places]
@@ -150,6 +152,12 @@ def found_delay(
     error, blocks = np.inf if at_bound else error, len(tried[best])
     as_good = _as_good(tried, total, most) if beyond else None
     return FoundDelay(_lowest(points), error, at_bound, blocks, limit, as_good)
+
+
+def _has_between(tried: dict[float, Vector], best: float, end: float) -> bool:
+    """Return whether a delay between the best one and an end has a finite error."""
+    known = [d for d, squares in tried.items() if np.isfinite(squares).all()]
+    return any(1e-6 < (d - best) / (end - best) < 1.0 - 1e-6 for d in known)
 
 
 def _as_good(
