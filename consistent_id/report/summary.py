@@ -21,16 +21,19 @@ from consistent_id.estimation.expected_error import ExpectedError
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.recommendation import SlackChoice
 from consistent_id.estimation.verdict import percent
+from consistent_id.problems.log_entries import FoundDrives
 from consistent_id.problems.opening import Opened
 from consistent_id.problems.problem_estimates import unmeasured_notes
 from consistent_id.problems.study import Study
 from consistent_id.regression.base import Excitation
+from consistent_id.regression.residual_noise import NORMAL
 from consistent_id.report.published_section import published_tables
 from consistent_id.report.report_content import advise
 
 _PRICES = 12  # single constraints shown
 _COSTLY = 0.02  # of the misfit, from which on a constraint is named
 _NAMED = 3  # single constraints that are named
+_LATE = 1e-3  # s, error of a delay from which on a rollout finds it more closely
 _RECORDINGS = 2  # validation recordings whose expected error is printed one by one
 
 
@@ -53,6 +56,7 @@ def headline_tables(study: Study) -> list[Table]:
                 *advice.verdict.brief,
                 *costly,
                 *(table.title for table in study.problem.drives.tables()),
+                *delay_line(study.problem.drives),
                 *delivery_line(study),
             ),
         ),
@@ -97,6 +101,19 @@ def _beyond(expected: ExpectedError, error: float) -> str:
     if expected.contains(error):
         return ""
     return ", less than expected" if error < expected.low else ", more than expected"
+
+
+def delay_line(drives: FoundDrives) -> tuple[str, ...]:
+    """Say how late commands are taken to be, if that was found and is not exact."""
+    known = drives.calibration
+    if not known.delay_error or drives.tables():
+        return ()
+    closely = "; consistent-id rollout finds the delay more closely"
+    return (
+        f"commands are taken to be {1e3 * known.delay:.2g} ms late, "
+        f"+- {1e3 * NORMAL * known.delay_error:.2g} (95 %), as the intervals of drives "
+        "contain" + closely * (known.delay_error > _LATE),
+    )
 
 
 def delivery_line(study: Study) -> tuple[str, ...]:

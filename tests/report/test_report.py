@@ -25,15 +25,22 @@ from consistent_id._support.ownership import sealed
 from consistent_id.cli import main
 from consistent_id.estimation.expected_error import ExpectedError
 from consistent_id.estimation.verdict import percent
+from consistent_id.problems.log_entries import FoundDrives
 from consistent_id.problems.published import (
     PublishedReport,
     PublishedVector,
     RankReport,
 )
+from consistent_id.recordings.signals.drive_torque import DriveCalibration
 from consistent_id.report import report_html
 from consistent_id.report.page import SECTIONS
 from consistent_id.report.results_writing import study_record
-from consistent_id.report.summary import expected_lines, headline_tables, slack_table
+from consistent_id.report.summary import (
+    delay_line,
+    expected_lines,
+    headline_tables,
+    slack_table,
+)
 
 studies = shared_within("module")
 
@@ -347,3 +354,21 @@ def test_the_report_shows_the_estimates_own_standard_errors(study):
     assert "standard error" in page.texts
     links = f"{len(recommended.links)} of {len(recommended.links)}"
     assert page.texts[page.texts.index("consistent links") - 1] == links
+
+
+@pytest.mark.parametrize(("error", "said"), [(2e-4, False), (5e-3, True)])
+def test_a_delay_that_was_found_is_said_with_its_error(error, said):
+    late = DriveCalibration(delay=0.01, delay_error=error)
+    (line,) = delay_line(FoundDrives(calibration=late))
+    assert f"10 ms late, +- {1e3 * 1.96 * error:.2g} (95 %)" in line
+    assert ("rollout finds the delay" in line) is said
+    exact = DriveCalibration(delay=0.01)
+    assert delay_line(FoundDrives(calibration=exact)) == ()
+    assert delay_line(FoundDrives(calibration=late, delay=Scan())) == ()
+
+
+class Scan:
+    """A scan of the delay, which has a table of its own."""
+
+    def table(self):
+        return None
