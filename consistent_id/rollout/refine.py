@@ -362,13 +362,12 @@ def _estimate(
     if estimate.fit is not None:
         # The torque's own optimum shows whether constraints contradict the torque.
         fit = replace(fit, excess=estimate.fit.excess)
-    errors, covariance = _with_change(estimate, x)
     return replace(
         estimate,
         method=Method.REFINED_BY_ROLLOUT,
         parameters=x,
-        base_covariance=covariance,
-        parameter_errors=errors,
+        base_covariance=None,
+        parameter_errors=_errors_with_change(estimate, x),
         certificate=Certificate("uncertified", reason, figures),
         notes=(note, *estimate.notes),
         seconds=seconds,
@@ -377,21 +376,15 @@ def _estimate(
     )
 
 
-def _with_change(estimate: Estimate, x: Vector) -> tuple[Vector | None, Matrix | None]:
-    """Return errors of refined parameters, and the covariance of base parameters.
+def _errors_with_change(estimate: Estimate, x: Vector) -> Vector | None:
+    """Return the standard errors of refined parameters.
 
     Torque and rollouts are two views of the same log.  What one says differs from what
     the other says by noise, and by what the model lacks, so the change counts as one
     standard error beside the torque fit's.
     """
-    errors, covariance = estimate.parameter_errors, estimate.base_covariance
-    change = x - estimate.parameters
-    if errors is not None:
-        errors = np.hypot(errors, change)
-    if covariance is not None:
-        moved = estimate.base.projection @ change
-        covariance = covariance + np.diag(moved**2)
-    return errors, covariance
+    errors = estimate.parameter_errors
+    return None if errors is None else np.hypot(errors, x - estimate.parameters)
 
 
 def free_parameters(model: TorqueModel, constraints: Sequence[Constraint]) -> IntArray:
