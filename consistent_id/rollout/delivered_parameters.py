@@ -50,8 +50,10 @@ def parameter_table(estimate: Estimate, scatter: BlockScatter) -> Table:
         )
         for name, own in delivered_parameters(estimate, scatter).items()
     ]
+    inertial = set(estimate.model.layout.names[: estimate.model.layout.inertial_size])
+    given = "" if inertial & set(scatter.names) else ", given the file's bodies"
     return Table(
-        f"Parameters of the delivered estimate ({estimate.method})",
+        f"Parameters of the delivered estimate ({estimate.method}){given}",
         ("parameter", "value", "95 % +-", "between blocks"),
         tuple(rows),
         (
