@@ -46,6 +46,7 @@ from consistent_id.rollout.delivered_parameters import (
     delivered_parameters,
     parameter_table,
 )
+from consistent_id.rollout.faded_friction import hidden_friction, hidden_notes
 from consistent_id.rollout.refine import Refined, refined
 from consistent_id.rollout.refinement_choice import RidgeChoice, chosen_ridge
 from consistent_id.rollout.settings import (
@@ -54,6 +55,7 @@ from consistent_id.rollout.settings import (
     rollout_error,
     torque_fit,
     with_settings,
+    without_friction,
 )
 
 FORMAT = "consistent_id rollout 1"
@@ -357,9 +359,9 @@ def rollout_of(
                 what = "not refined" if refining else "not with the chosen settings"
                 notes.append(f"The replayed estimate is {what}: {reason}")
             else:
-                return replace(done, notes=tuple(notes))
+                return replace(done, notes=(*notes, *done.notes))
         done = _rolled(study, *last, against, form, begin)
-    return replace(done, notes=tuple(notes))
+    return replace(done, notes=(*notes, *done.notes))
 
 
 def _rolled(
@@ -384,6 +386,9 @@ def _rolled(
     if choice is not None and ridge is not None and ridge.cutoff is not None:
         choice = replace(choice, settings=replace(choice.settings, cutoff=ridge.cutoff))
         study = replace(study, problem=with_settings(study.problem, choice.settings))
+    hidden = hidden_friction(study) if choice is not None else ()
+    if hidden:
+        study = replace(study, problem=without_friction(study.problem, hidden))
     problem, gains = study.problem, gains_of(study.problem)
     begin("fit and verdict")
     done = None
@@ -410,7 +415,15 @@ def _rolled(
     )
     sureness = _sureness(study)
     return ProblemRollout(
-        study, estimate, replays, choice, done, ridge, *sureness, loss
+        study,
+        estimate,
+        replays,
+        choice,
+        done,
+        ridge,
+        *sureness,
+        loss,
+        hidden_notes(hidden),
     )
 
 

@@ -29,7 +29,12 @@ from consistent_id.estimation.constrained import (
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.method import Method, fitted_spans
-from consistent_id.problems.file import DataTable, GainsTable, JointTable, ProblemTable
+from consistent_id.problems.file import (
+    DataTable,
+    GainsTable,
+    JointTable,
+    ProblemTable,
+)
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.stated_model import drive_of
@@ -44,6 +49,10 @@ from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import require_known
 from consistent_id.rollout.commanded_motion import replay, replayable
 from consistent_id.rollout.delay_search import student
+from consistent_id.rollout.faded_friction import (
+    without_slow_friction,
+    without_stribeck,
+)
 from consistent_id.rollout.motion_parts import Spans, within
 from consistent_id.rollout.replay_model import SEARCH_STEP, STEP, replay_model
 
@@ -197,11 +206,13 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
         constraints = change(
             constraints, equal_motors=[list(group) for group in settings.equal_motors]
         )
+    drive = change(table.drive, **drives)
+    data = _data(problem, table.data, table.data.gains, settings)
     changed = change(
         table,
-        data=_data(problem, table.data, table.data.gains, settings),
-        drive=change(table.drive, **drives),
-        joints=exceptions,
+        data=data,
+        drive=drive,
+        joints=without_slow_friction(data.preparation, drive, exceptions, joints),
         constraints=constraints,
         couplings=couplings,
     )
@@ -210,6 +221,14 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
     alike = table.wrist_sensor is None
     model = _driven(changed, problem.model.robot) if alike else None
     return _same_logs(problem_of(changed, file, model=model), problem)
+
+
+def without_friction(problem: Problem, joints: Sequence[str]) -> Problem:
+    """Return a problem of which some joints have no Stribeck friction."""
+    own = without_stribeck(problem.table.joints, joints)
+    changed = msgspec.structs.replace(problem.table, joints=own)
+    file = problem.source or problem.folder / "problem.toml"
+    return _same_logs(problem_of(changed, file), problem)
 
 
 def _same_logs(made: Problem, problem: Problem) -> Problem:

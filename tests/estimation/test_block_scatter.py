@@ -135,6 +135,25 @@ def test_a_block_that_leaves_a_parameter_open_is_refused():
         block_scatter(model, blocks)
 
 
+def test_friction_that_has_faded_in_a_block_leaves_it_open():
+    """At 1 rad/s, of friction that fades at 0.05 rad/s, 1e-174 is left."""
+    _, robot = random_robot(np.random.default_rng(5), 1)
+    drive = DriveTerms(viscous=True, coulomb="sign", stribeck_velocity=0.05)
+    model, rng = TorqueModel(robot, drive), np.random.default_rng(6)
+    names = zip(model.layout.names[:10], robot.nominal.ravel().tolist(), strict=True)
+    blocks = []
+    for slowest in (0.01, 1.0):
+        dq = rng.choice([-1.0, 1.0], 200) * rng.uniform(slowest, 2.0, 200)
+        q, ddq, torque = rng.standard_normal((3, 200, 1))
+        motion = (q, dq[:, None], ddq, torque)
+        log = Recording(model.robot.joint_names, np.arange(200) / RATE, *motion)
+        blocks.append(build_regression(model, log).weighted([NOISE]))
+    known = [FixedParameters(dict(names))]
+    block_scatter(model, blocks[:1], constraints=known)
+    with pytest.raises(NotExcitedError, match="fewer"):
+        block_scatter(model, blocks, constraints=known)
+
+
 def test_freedoms_are_those_of_joints_by_their_shares_in_the_variance():
     rng = np.random.default_rng(0)
     factors = rng.normal(size=(2, 6, 4)) * [[[1.0]], [[0.3]]]
