@@ -85,7 +85,6 @@ STANDING = Group(
             positive,
             default=0.6,
         ),
-        Option("--effort NUMBER", "limit of all joints, N m", positive),
         Option("--candidates N", "paths to try", whole, default=320),
     ),
 )
@@ -139,6 +138,7 @@ def run_excite(options: argparse.Namespace) -> int:
     """Design a trajectory; return the exit code."""
     if options.standing is not None:
         return show(options, standing_answer(options))
+    _require_standing(options)
     return answered(options, _excite)
 
 
@@ -311,8 +311,21 @@ def _is_given(value: object) -> bool:
     return value is not None and value is not False and value not in ([], ())
 
 
-_OF_FEET = ("duration", "velocity")  # of the options of motions
+_OF_FEET = ("duration", "velocity", "effort")  # of the options of motions
 _USUAL = (("starts", 4), ("format", _FORMATS))  # options with a default
+
+
+def _require_standing(options: argparse.Namespace) -> None:
+    """Refuse options of robots on their feet without feet."""
+    from consistent_id.errors import ProblemError
+
+    for option in STANDING.options:
+        value = getattr(options, option.name)
+        if _is_given(value) and value != option.default:
+            raise ProblemError(
+                f"--{option.name} is of a robot on its feet: add --standing, or leave "
+                "the option out"
+            )
 
 
 def _refuse_others(options: argparse.Namespace) -> None:

@@ -59,6 +59,11 @@ _LIMITS = (
     ),
     Option("--jerk NUMBER", "limit of all joints, in rad/s^3 or m/s^3", positive),
     Option(
+        "--effort NUMBER",
+        "limit of all joints, in N m or N, in place of the file's",
+        positive,
+    ),
+    Option(
         "--effort-rate NUMBER",
         "limit of the rate of change of torque, in N m/s or N/s",
         positive,

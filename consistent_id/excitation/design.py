@@ -34,7 +34,12 @@ from consistent_id.excitation.search_problem import (
 )
 from consistent_id.excitation.searches import Lanes
 from consistent_id.excitation.stages import COMPARED, DesignSearch, compared_paths
-from consistent_id.excitation.verification import FRICTION_SHARE, Demands, demands
+from consistent_id.excitation.verification import (
+    FRICTION_SHARE,
+    Demands,
+    FileParts,
+    demands,
+)
 from consistent_id.excitation.work import Meter
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
@@ -62,6 +67,7 @@ def design_trajectory(
     scene: Scene | None = None,
     sensor: SensorRows | None = None,
     friction_share: float = FRICTION_SHARE,
+    stated: FileParts = FileParts(),  # noqa: B008  a constant
     starts: int = 4,
     time_limit: float = 10.0,
     seed: int = 0,
@@ -94,6 +100,10 @@ def design_trajectory(
     friction_share : float
         Share of the effort limits that is left for friction, if `parameters` do not
         include friction.
+    stated : FileParts
+        Friction and rotors that the robot's file states, and links behind the tip.
+        Without `parameters`, rotors count, and friction for which the share is too
+        small.
     starts : int
         Searches from random paths.
     time_limit : float, [s]
@@ -139,7 +149,7 @@ def design_trajectory(
     limits = motion_limits(model.robot) if limits is None else limits
     shares = _require_sensible(starts, time_limit, seed, workers)
     where = Executor.chosen(executor)
-    required = demands(model, limits, parameters, scene, friction_share)
+    required = demands(model, limits, parameters, scene, friction_share, stated)
     aim = with_default_noise(aim or Aim(), measured, limits)
     forms = _forms(form, aim, required.limits)
     problems = _problems(measured, required, forms, aim, seed)

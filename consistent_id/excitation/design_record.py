@@ -61,9 +61,11 @@ def kept_limits(demands: Demands, proven: str = PROVEN) -> str:
     """
     limits = demands.limits
     has = {name: np.isfinite(getattr(limits, name)) for name in _STATED}
-    has["effort"] = has["effort"] & (demands.parameters is not None)
+    unchecked = demands.parameters is None and has["effort"].any()
+    if unchecked:
+        del has["effort"]
     words = {name: name for name in _STATED} | {"effort": "torque"}
-    kept = ", ".join(["position", *(words[n] for n in _STATED if has[n].any())])
+    kept = ", ".join(["position", *(words[n] for n, its in has.items() if its.any())])
     missing = [
         words[name]
         if not its.any()
@@ -72,7 +74,12 @@ def kept_limits(demands: Demands, proven: str = PROVEN) -> str:
         if not its.all()
     ]
     more = f"; no limit is stated for {', '.join(missing)}" if missing else ""
-    return f"limits of {kept}: {proven}{more}"
+    first = "limits of torque: NOT CHECKED; " if unchecked else ""
+    if demands.unweighed and not unchecked and has["effort"].any():
+        kept = kept.replace(", torque", "")
+        listed = some_of(demands.unweighed, _NAMED)
+        first = f"limits of torque: NOT CHECKED with the weight of {listed}; "
+    return f"{first}limits of {kept}: {proven}{more}"
 
 
 def kept_apart(scene: Scene | None, proven: str = PROVEN) -> tuple[str, ...]:

@@ -219,6 +219,7 @@ def planned(problem: Problem, parameters: ArrayLike | None = None) -> Plan:
         moved.parameters,
         request.scene,
         request.friction_share,
+        request.stated,
     )
     for form in request.forms:
         require_playable_form(form, request.aim, required.limits)

@@ -256,6 +256,7 @@ def playable_design(
         scene=request.scene,
         sensor=moved.sensor,
         friction_share=request.friction_share,
+        stated=request.stated,
         starts=starts,
         time_limit=time_limit,
         seed=seed,

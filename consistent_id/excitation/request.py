@@ -12,7 +12,8 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ConsistentIdError, ProblemError
 from consistent_id.excitation.aims import Aim, PathForm, forms_to_try, interest_names
 from consistent_id.excitation.criteria import Objective
-from consistent_id.excitation.verification import FRICTION_SHARE
+from consistent_id.excitation.unweighed_links import links_behind_tip, massless_links
+from consistent_id.excitation.verification import FRICTION_SHARE, FileParts
 from consistent_id.motion.collisions.bodies import (
     Body,
     Box,
@@ -35,6 +36,7 @@ from consistent_id.motion.collisions.separation import nearest
 from consistent_id.motion.collisions.urdf_bodies import has_collision_shapes
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.problems.problem import Problem
+from consistent_id.problems.stated_model import drawn_drives
 from consistent_id.problems.task_tables import (
     CLEARANCE,
     BodyTable,
@@ -261,6 +263,8 @@ class DesignRequest:
         Notes on the default scene.
     friction_share : float
         Share of the effort limits that is left for unknown friction.
+    stated : FileParts
+        What the robot's file says of its torque, beside the bodies of the model.
     """
 
     forms: tuple[PathForm, ...]
@@ -271,6 +275,7 @@ class DesignRequest:
     periods: int | None
     notes: tuple[str, ...] = ()
     friction_share: float = FRICTION_SHARE
+    stated: FileParts = FileParts()  # noqa: RUF009  frozen
 
     @property
     def form(self) -> PathForm:
@@ -314,6 +319,9 @@ def design_request(problem: Problem) -> DesignRequest:
     )
     pose = _pose(table.start_pose, limits) if table.start_pose else None
     scene = requested_scene(problem)
+    stated = FileParts(
+        drawn_drives(problem), links_behind_tip(problem), massless_links(problem)
+    )
     notes: tuple[str, ...] = ()
     if table.scene is None:
         scene, notes = default_scene(problem, pose)
@@ -325,7 +333,7 @@ def design_request(problem: Problem) -> DesignRequest:
             _require_whole_period(form, periods)
     left = table.limits.friction_share
     left = FRICTION_SHARE if left is None else left
-    return DesignRequest(forms, aim, limits, scene, pose, periods, notes, left)
+    return DesignRequest(forms, aim, limits, scene, pose, periods, notes, left, stated)
 
 
 def _interest(

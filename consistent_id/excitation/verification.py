@@ -1,12 +1,14 @@
 """The demands on a path, and their proof over its whole duration."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Matrix, checked, freeze
+from consistent_id._support.arrays import BoolArray, Matrix, Vector, checked, freeze
 from consistent_id._support.tables import some_of
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.guards import ClearanceGuard, Guard, TorqueGuard
@@ -22,8 +24,10 @@ from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
 from consistent_id.motion.proofs.torque_bounds import require_enclosable
 from consistent_id.motion.transfers import limits_of
 from consistent_id.recordings.joint_paths import JointPath
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
+from consistent_id.robot.solids import DrawnDrive
 
 FRICTION_SHARE = 0.3
 """Share of the effort limits left for unknown friction.
@@ -35,6 +39,24 @@ At full speed friction takes 19 to 40 % of the effort limits of a UR10e's joints
 
 _NAMED = 4  # of bodies in a note
 _REACH = 0.99  # share of a torque limit that may be used at samples
+
+
+class FileParts(NamedTuple):
+    """What a robot's file says of its torque, beside the bodies of the model.
+
+    Parameters
+    ----------
+    drives : mapping of str to DrawnDrive
+        Friction and rotors, of joints by name.
+    behind : tuple of str
+        Links with weight that moving links carry, and that the model does not have.
+    massless : tuple of str
+        Moving links that have shapes, but no mass.
+    """
+
+    drives: Mapping[str, DrawnDrive] = {}
+    behind: tuple[str, ...] = ()
+    massless: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +75,8 @@ class Demands:
         Notes on limits that are not checked, with reasons.
     torque_of : str
         Model whose torque is compared with the limits.
+    unweighed : tuple of str
+        Links whose weight is not in that torque.
 
     Attributes
     ----------
@@ -66,6 +90,7 @@ class Demands:
     scene: Scene | None
     notes: tuple[str, ...]
     torque_of: str = "of the given parameters"
+    unweighed: tuple[str, ...] = ()
     predicted: ParameterTorque | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -172,6 +197,7 @@ def demands(
     parameters: ArrayLike | None = None,
     scene: Scene | None = None,
     friction_share: float = FRICTION_SHARE,
+    stated: FileParts = FileParts(),  # noqa: B008  a constant
 ) -> Demands:
     """Return the demands on a path.
 
@@ -181,12 +207,14 @@ def demands(
         Limits of the robot's joints, in any order; the demands have them in the
         robot's.
     parameters : array_like, shape (parameters,) or (members, parameters), optional
-        By default the nominal robot without friction, if torque has limits.
+        By default the nominal robot and what is `stated`, if torque has limits.
     scene : Scene, optional
         Scene of the model's robot.
     friction_share : float
         Share of the torque limits that is left for friction, if no parameters include
         it.
+    stated : FileParts
+        What the robot's file says beside its bodies.
 
     Raises
     ------
@@ -214,50 +242,122 @@ def demands(
         return Demands(limits, model, members, scene, notes)
     if not np.isfinite([limits.effort, limits.effort_rate, limits.effort_rms]).any():
         return Demands(limits, model, None, scene, (*notes, "torque has no limit"))
-    nominal = model.robot.nominal
+    robot, nominal = model.robot, model.robot.nominal
     if nominal is None:
         notes += ("torque is not checked: some links have no nominal inertia",)
         return Demands(limits, model, None, scene, notes)
-    rigid = TorqueModel(model.robot)
-    left = f"{100.0 * friction_share:.3g} %"
-    whose = (
-        f"of the robot's file; {left} of the limits is left for its unknown friction"
-    )
+    if not nominal.reshape(-1, 10)[:, 0].any():
+        notes += ("torque is not checked: no link has a mass in the robot's file",)
+        return Demands(limits, model, None, scene, notes)
+    counted, rubs = _counted(stated.drives, limits, friction_share)
+    whose = _whose(friction_share, counted, limits.joints, rubs)
     notes += (f"torque limits: {whose}; --parameters uses an estimate instead",)
-    notes += _uncounted(scene)
-    limits = _reserved(limits, friction_share)
-    return Demands(limits, rigid, np.atleast_2d(nominal), scene, notes, whose)
+    carried = _carried(scene, stated.behind)
+    notes += _unweighed_notes(carried, stated.massless)
+    limits = _reserved(limits, np.where(rubs, 0.0, friction_share))
+    moved = _with_drives(robot, counted)
+    values = [getattr(counted[joint], term) for joint, term in moved.layout.drive]
+    members = np.atleast_2d([*nominal.ravel(), *values])
+    unweighed = (*carried, *stated.massless)
+    return Demands(limits, moved, members, scene, notes, whose, unweighed)
 
 
-def _uncounted(scene: Scene | None) -> tuple[str, ...]:
-    """Return a note on bodies that moving links carry, and whose weight is not known.
+def _counted(
+    drives: Mapping[str, DrawnDrive], limits: MotionLimits, share: float
+) -> tuple[dict[str, DrawnDrive], BoolArray]:
+    """Return what counts of stated drives, and the joints whose friction does.
+
+    Files state friction that is zero, or too small, so the share is left.  Friction
+    counts instead if it needs more at the joint's largest speed.
+    """
+    own = [drives.get(name, DrawnDrive()) for name in limits.joints]
+    moving = np.array([drive.viscous > 0.0 for drive in own])
+    drag = np.array([drive.viscous for drive in own]) * np.where(
+        moving, limits.velocity, 0.0
+    )
+    friction = drag + np.array([drive.coulomb for drive in own])
+    rubs = friction > share * limits.effort
+    counted = {
+        name: drive if more else DrawnDrive(rotor_inertia=drive.rotor_inertia)
+        for name, drive, more in zip(limits.joints, own, rubs, strict=True)
+    }
+    return counted, rubs
+
+
+def _whose(
+    share: float,
+    counted: Mapping[str, DrawnDrive],
+    joints: Sequence[str],
+    rubs: BoolArray,
+) -> str:
+    """Say whose torque is compared with the limits."""
+    rotors = any(drive.rotor_inertia > 0.0 for drive in counted.values())
+    whose = "of the robot's file" + ", its rotors included" * rotors
+    left = f"{100.0 * share:.3g} % of the limits is left for its unknown friction"
+    if not rubs.any():
+        return f"{whose}; {left}"
+    named = some_of(tuple(compress(joints, rubs)), _NAMED)
+    stated = f"friction of {named} as the file states it"
+    return f"{whose}, {stated}" if rubs.all() else f"{whose}, {stated}; else {left}"
+
+
+def _with_drives(robot: RobotModel, counted: Mapping[str, DrawnDrive]) -> TorqueModel:
+    """Return the torque model of a robot with the drive terms that count."""
+    return TorqueModel(
+        robot,
+        tuple(
+            DriveTerms(
+                viscous=drive.viscous > 0.0,
+                coulomb="sign" if drive.coulomb > 0.0 else "none",
+                rotor_inertia=drive.rotor_inertia > 0.0,
+            )
+            for drive in map(counted.__getitem__, robot.joint_names)
+        ),
+    )
+
+
+def _carried(scene: Scene | None, behind: Sequence[str]) -> tuple[str, ...]:
+    """Return bodies that moving links carry, and whose weight the model lacks.
 
     They hang on joints behind the robot's tip, such as the fingers of a hand.
     """
-    if scene is None:
-        return ()
-    names = [
+    swept = [
         body.name
-        for body in scene.bodies
-        if body.name in scene.swept and place_of(scene.robot, body).link >= 0
+        for body in (() if scene is None else scene.bodies)
+        if scene is not None
+        and body.name in scene.swept
+        and place_of(scene.robot, body).link >= 0
     ]
-    if not names:
-        return ()
-    return (
-        f"torque limits: without the weight of {some_of(names, _NAMED)}, "
-        "which the robot carries behind its tip; it counts if their joints are locked "
-        "instead (--lock, without --tip)",
-    )
+    return tuple(dict.fromkeys((*behind, *swept)))
 
 
-def _reserved(limits: MotionLimits, share: float) -> MotionLimits:
-    """Return limits with a reserved share of the torque limits."""
-    if not 0.0 <= share < 1.0:
+def _unweighed_notes(
+    carried: Sequence[str], massless: Sequence[str]
+) -> tuple[str, ...]:
+    """Say whose weight is not in the torque, and what to do."""
+    notes = []
+    if carried:
+        notes.append(
+            f"torque limits: without the weight of {some_of(carried, _NAMED)}, "
+            "which the robot carries behind its tip; it counts if their joints are "
+            "locked instead (--lock, without --tip)"
+        )
+    if massless:
+        have = "has" if len(massless) == 1 else "have"
+        listed = some_of(massless, _NAMED)
+        notes.append(f"torque limits: {listed} {have} no mass in the robot's file")
+    return tuple(notes)
+
+
+def _reserved(limits: MotionLimits, shares: Vector) -> MotionLimits:
+    """Return limits with a reserved share of each joint's torque limits."""
+    share = float(shares.max(initial=0.0))
+    if not 0.0 <= share < 1.0 or not (shares >= 0.0).all():
         raise ProblemError(f"friction_share is {share}, expected 0 or more, below 1")
     return replace(
         limits,
-        effort=(1.0 - share) * limits.effort,
-        effort_rms=(1.0 - share) * limits.effort_rms,
+        effort=(1.0 - shares) * limits.effort,
+        effort_rms=(1.0 - shares) * limits.effort_rms,
     )
 
 

@@ -22,6 +22,7 @@ from consistent_id.export.mjcf_assets import set_section
 from consistent_id.export.mjcf_bodies import require_mujoco
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
+from consistent_id.robot.loaders.mjcf import actuator_range
 from consistent_id.robot.loaders.urdf_in_place import Edit, XmlText, number
 from consistent_id.robot.loaders.xml import Element
 
@@ -255,22 +256,8 @@ class _ActuatedFile(NamedTuple):
 
         It is stated, or that of the largest control of a motor.
         """
-        return float(sum(self._largest(k) for k in self.of(joint)) or np.inf)
-
-    def _largest(self, k: int) -> float:
-        model, kinds = self.model, require_mujoco()
-        gear, found = abs(float(model.actuator_gear[k][0])), np.inf
-        if model.actuator_forcelimited[k]:
-            found = float(abs(model.actuator_forcerange[k]).max())
-        plain = (
-            model.actuator_dyntype[k] == kinds.mjtDyn.mjDYN_NONE
-            and model.actuator_gaintype[k] == kinds.mjtGain.mjGAIN_FIXED
-            and model.actuator_biastype[k] == kinds.mjtBias.mjBIAS_NONE
-        )
-        if plain and model.actuator_ctrllimited[k]:
-            most = float(abs(model.actuator_ctrlrange[k]).max())
-            found = min(found, most * abs(float(model.actuator_gainprm[k][0])))
-        return gear * found
+        ranges = (actuator_range(self.model, k) for k in self.of(joint))
+        return float(sum(max(-low, high) for low, high in ranges) or np.inf)
 
 
 class _DriveLines(NamedTuple):

@@ -68,19 +68,43 @@ def drawn_parts(problem: Problem) -> DrawnParts:
     return DrawnParts()
 
 
+def drawn_drives(problem: Problem) -> dict[str, DrawnDrive]:
+    """Return the drives that the robot's file states, of joints by name.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read.
+    """
+    from consistent_id.motion.collisions.urdf_bodies import urdf_root
+
+    model = problem.table.model
+    if model.urdf is not None:
+        return _urdf_drives(urdf_root(problem.file(model.urdf)))
+    if model.mjcf is not None:
+        compiled = _compiled(problem.file(model.mjcf))[1]
+        return _mjcf_drives(compiled, problem.moving)
+    return {}
+
+
 def _of_urdf(file: Path, robot: RobotModel, packages: list[Path]) -> DrawnParts:
     from consistent_id.motion.collisions.urdf_bodies import urdf_shapes
 
     shapes = urdf_shapes(file, packages)
     unread = {link.name for link in shapes.unread} | {name for name, _ in shapes.bare}
+    reach = dict(_reaches(robot, shapes.bodies, unread))
+    return DrawnParts(reach, _urdf_drives(shapes.root))
+
+
+def _urdf_drives(root: Element) -> dict[str, DrawnDrive]:
     drives = {}
-    for joint in shapes.root.all("joint"):
+    for joint in root.all("joint"):
         stated = joint.child("dynamics")
         if stated is not None:
             drives[joint.name] = DrawnDrive(
                 _number(stated, "damping"), _number(stated, "friction")
             )
-    return DrawnParts(dict(_reaches(robot, shapes.bodies, unread)), drives)
+    return drives
 
 
 def _number(element: Element, name: str) -> float:
@@ -122,32 +146,8 @@ def _of_mjcf(file: Path, robot: RobotModel) -> DrawnParts:
 
     Shapes that do not contain the body's own mass do not show the whole body.
     """
-    from consistent_id.export.mjcf_bodies import require_mujoco
-    from consistent_id.robot.loaders.mjcf_spec import spec_of_file, stand_in
-
-    mujoco = require_mujoco()
-    try:
-        spec = spec_of_file(file, mujoco)
-        unseen = set(stand_in(spec, file, mujoco))
-        compiled = spec.compile()
-    except (ValueError, mujoco.FatalError) as cause:
-        raise ModelError(f"{file}: MuJoCo refuses it: {cause}") from None
-    blind = {
-        body.name
-        for body in spec.bodies
-        if any(geom.meshname in unseen for geom in body.geoms)
-    }
-    drives, reach = {}, {}
-    joints = {compiled.joint(j).name: j for j in range(compiled.njnt)}
-    for joint in robot.joint_names:
-        if joint not in joints:
-            continue
-        k = int(compiled.jnt_dofadr[joints[joint]])
-        drives[joint] = DrawnDrive(
-            float(compiled.dof_damping[k]),
-            float(compiled.dof_frictionloss[k]),
-            float(compiled.dof_armature[k]),
-        )
+    blind, compiled = _compiled(file)
+    reach = {}
     names = {compiled.body(b).name: b for b in range(compiled.nbody)}
     for link in robot.links:
         if link.merged or link.name in blind or link.name not in names:
@@ -168,7 +168,41 @@ def _of_mjcf(file: Path, robot: RobotModel) -> DrawnParts:
             extent = centre + np.sqrt(spread)
         if far and extent <= max(far) < np.inf:
             reach[link.name] = max(far)
-    return DrawnParts(reach, drives)
+    return DrawnParts(reach, _mjcf_drives(compiled, robot))
+
+
+def _compiled(file: Path) -> tuple[set[str], Any]:
+    """Return MuJoCo's model of a file, and its bodies whose meshes are missing."""
+    from consistent_id.export.mjcf_bodies import require_mujoco
+    from consistent_id.robot.loaders.mjcf_spec import spec_of_file, stand_in
+
+    mujoco = require_mujoco()
+    try:
+        spec = spec_of_file(file, mujoco)
+        unseen = set(stand_in(spec, file, mujoco))
+        compiled = spec.compile()
+    except (ValueError, mujoco.FatalError) as cause:
+        raise ModelError(f"{file}: MuJoCo refuses it: {cause}") from None
+    blind = {
+        body.name
+        for body in spec.bodies
+        if any(geom.meshname in unseen for geom in body.geoms)
+    }
+    return blind, compiled
+
+
+def _mjcf_drives(compiled: Any, robot: RobotModel) -> dict[str, DrawnDrive]:
+    joints = {compiled.joint(j).name: j for j in range(compiled.njnt)}
+    drives = {}
+    for joint in robot.joint_names:
+        if joint in joints:
+            k = int(compiled.jnt_dofadr[joints[joint]])
+            drives[joint] = DrawnDrive(
+                float(compiled.dof_damping[k]),
+                float(compiled.dof_frictionloss[k]),
+                float(compiled.dof_armature[k]),
+            )
+    return drives
 
 
 DEFAULT_DRIVE = DriveTable(

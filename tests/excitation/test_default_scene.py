@@ -223,5 +223,6 @@ def test_a_floor_that_is_too_high_is_refused_with_bodies_pose_and_height(
 def test_a_limit_of_some_joints_is_said_with_the_joints_that_lack_it(tmp_path):
     limits = _request(_robot(tmp_path)).limits
     some = replace(limits, jerk=np.array([50.0, np.inf, 50.0]))
-    said = kept_limits(SimpleNamespace(limits=some, parameters=None))
+    known = {"parameters": np.zeros((1, 30)), "unweighed": ()}
+    said = kept_limits(SimpleNamespace(limits=some, **known))
     assert "no limit is stated for acceleration, jerk (elbow)" in said

@@ -123,8 +123,8 @@ def test_limits_are_the_files_in_radians(written):
     limits = {joint.name: joint.limits for joint in load_mjcf(written()).joints}
     turn, slide = limits["turn"], limits["slide"]
     assert (turn.lower, turn.upper) == pytest.approx((-2 * np.pi / 3, np.pi / 2))
-    assert (turn.velocity, turn.effort) == (np.inf, 150.0)
-    assert (slide.lower, slide.upper, slide.effort) == (0.0, 0.4, 30.0)
+    assert (turn.velocity, turn.effort) == (np.inf, 100.0)  # both ways, of -2 to 3
+    assert (slide.lower, slide.upper, slide.effort) == (0.0, 0.4, 20.0)
     assert (limits["roll"].lower, limits["roll"].effort) == (-np.inf, np.inf)
     kinds = {joint.name: joint.kind for joint in load_mjcf(written()).joints}
     assert kinds["turn"] == "revolute"

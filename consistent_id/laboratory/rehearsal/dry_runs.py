@@ -291,7 +291,7 @@ def dry_run(
         return design_trajectory(
             model, forms, aim, limits=request.limits, scene=request.scene,
             parameters=rehearsed.parameters,
-            friction_share=request.friction_share, starts=starts,
+            friction_share=request.friction_share, stated=request.stated, starts=starts,
             time_limit=time_limit, seed=seed, workers=workers, executor=where,
             progress=progress,
         )  # fmt: skip

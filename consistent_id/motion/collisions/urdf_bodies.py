@@ -124,7 +124,7 @@ def urdf_shapes(
     if elements not in ("collision", "visual"):
         raise ModelError(f"elements {elements!r}: expected 'collision' or 'visual'")
     folders = [Path(folder) for folder in package_dirs] + list(path.absolute().parents)
-    root = _root(path)
+    root = urdf_root(path)
     bodies: list[Body] = []
     unread, bare = [], []
     for link in root.all("link"):
@@ -149,11 +149,18 @@ def _mass(link: Element) -> float:
 
 def has_collision_shapes(path: Path) -> bool:
     """Return whether any link of a URDF has a ``<collision>``."""
-    links = _root(path).all("link")
+    links = urdf_root(path).all("link")
     return any(link.child("collision") is not None for link in links)
 
 
-def _root(path: Path) -> Element:
+def urdf_root(path: Path) -> Element:
+    """Return the root element of a URDF file.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read.
+    """
     try:
         return parse(read_bytes(path))
     except XmlFault as fault:

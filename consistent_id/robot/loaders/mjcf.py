@@ -384,17 +384,45 @@ def _limits(model: Any, j: int) -> JointLimits:
 
     lower, upper = model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf)
     efforts = [
-        abs(model.actuator_gear[a, 0]) * abs(model.actuator_forcerange[a]).max()
-        if model.actuator_forcelimited[a]
-        else np.inf
+        _either_way(actuator_range(model, a))
         for a in range(len(model.actuator_trntype))
         if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT
         and model.actuator_trnid[a, 0] == j
     ]
     effort = float(sum(efforts)) if efforts else np.inf
     if model.jnt_actfrclimited[j]:
-        effort = min(effort, float(abs(model.jnt_actfrcrange[j]).max()))
+        effort = min(effort, _either_way(model.jnt_actfrcrange[j]))
     return JointLimits(float(lower), float(upper), effort=effort)
+
+
+def actuator_range(model: Any, a: int) -> tuple[float, float]:
+    """Return the least and the largest force of an actuator, at its joint.
+
+    Those of its stated range, and of the range of controls of a motor, whose force is
+    its control times a gain; infinite where neither is limited.
+    """
+    import mujoco
+
+    ranges = [(-np.inf, np.inf)]
+    if model.actuator_forcelimited[a]:
+        ranges.append(tuple(model.actuator_forcerange[a]))
+    is_motor = (
+        model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE
+        and model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
+    )
+    if is_motor and model.actuator_ctrllimited[a]:
+        forces = model.actuator_gainprm[a][0] * model.actuator_ctrlrange[a]
+        ranges.append((forces.min(), forces.max()))
+    lows, highs = zip(*ranges, strict=True)
+    low, high = sorted(model.actuator_gear[a][0] * np.array([max(lows), min(highs)]))
+    return float(low), float(high)
+
+
+def _either_way(span: Sequence[float]) -> float:
+    """Return what a range allows in both directions; in its own, if it has but one."""
+    low, high = (float(end) for end in span)
+    return min(-low, high) if low < 0.0 < high else max(abs(low), abs(high))
 
 
 def _joints_of(model: Any, b: int) -> range:

@@ -1,0 +1,193 @@
+"""What a robot's file says of its torque: rotors, friction, weight, actuators."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import consistent_id as ci
+from consistent_id.cli import main
+from consistent_id.excitation.design import design_trajectory
+from consistent_id.excitation.design_record import kept_limits
+from consistent_id.excitation.request import design_request
+from consistent_id.excitation.sources import problem_to_excite
+from consistent_id.excitation.verification import FileParts, demands
+from consistent_id.motion.limits import motion_limits
+from consistent_id.problems.statement import Statement
+from consistent_id.robot.loaders import load_robot
+from consistent_id.robot.loaders.mjcf import load_mjcf
+from consistent_id.robot.solids import DrawnDrive
+
+BODY = (
+    '<inertial><origin xyz="0.2 0 0"/><mass value="{mass}"/><inertia ixx="0.02" '
+    'iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+SHAPE = '<visual><geometry><sphere radius="0.05"/></geometry></visual>'
+
+
+def arm(dynamics="", bodies=("3", "2", "1"), frame=False):
+    """A pendulum of three links; a body of no mass is not written."""
+    links = ['<link name="base"/>']
+    for k, mass in enumerate(bodies, 1):
+        inside = BODY.format(mass=mass) if mass else ""
+        links.append(f'<link name="l{k}">{"" if frame else SHAPE}{inside}</link>')
+    joints = [
+        f'<joint name="j{k}" type="revolute"><parent link="{before}"/>'
+        f'<child link="l{k}"/><origin xyz="0.3 0 0"/><axis xyz="0 1 0"/>{dynamics}'
+        '<limit lower="-2" upper="2" velocity="2" effort="60"/></joint>'
+        for k, before in ((1, "base"), (2, "l1"), (3, "l2"))
+    ]
+    return f'<robot name="arm">{"".join(links + joints)}</robot>'
+
+
+def request(folder, text, **stated):
+    file = folder / "arm.urdf"
+    file.write_text(text)
+    problem = problem_to_excite(file, {}, Statement(**stated))
+    return problem, design_request(problem)
+
+
+def required(problem, asked):
+    model = ci.TorqueModel(problem.moving)
+    share = asked.friction_share
+    return demands(model, asked.limits, None, asked.scene, share, asked.stated)
+
+
+def test_small_friction_of_the_file_is_within_the_share_that_is_left(tmp_path):
+    problem, asked = request(tmp_path, arm('<dynamics damping="2" friction="5"/>'))
+    found = required(problem, asked)
+    assert asked.stated.drives["j1"] == DrawnDrive(2.0, 5.0)  # 9 N m at 2 rad/s, of 18
+    assert found.model.layout.drive == ()
+    np.testing.assert_allclose(found.limits.effort, 0.7 * 60.0)
+    assert "30 % of the limits is left" in found.torque_of
+
+
+def test_large_friction_of_the_file_counts_in_place_of_the_share(tmp_path):
+    problem, asked = request(tmp_path, arm('<dynamics damping="5" friction="9"/>'))
+    found = required(problem, asked)
+    np.testing.assert_allclose(found.limits.effort, 60.0)
+    assert "friction of j1, j2, j3 as the file states it" in found.torque_of
+    values = dict(zip(found.model.layout.names, found.parameters[0], strict=True))
+    assert (values["j2.viscous"], values["j2.coulomb"]) == (5.0, 9.0)
+
+
+def test_rotors_count_beside_the_share(tmp_path):
+    problem, asked = request(tmp_path, arm())
+    drives = {"j2": DrawnDrive(rotor_inertia=0.8)}
+    model = ci.TorqueModel(problem.moving)
+    found = demands(model, asked.limits, stated=FileParts(drives))
+    assert found.model.layout.drive == (("j2", "rotor_inertia"),)
+    assert found.parameters[0, -1] == 0.8
+    np.testing.assert_allclose(found.limits.effort, 0.7 * 60.0)
+    assert "its rotors included" in found.torque_of
+
+
+@pytest.mark.slow
+def test_the_torque_with_stated_friction_stays_within_the_limits(tmp_path):
+    """Pinocchio's torque, and friction of 4 N m s/rad and 13 N m: 21 N m of 60."""
+    problem, asked = request(tmp_path, arm('<dynamics damping="4" friction="13"/>'))
+    model = ci.TorqueModel(problem.moving)
+    form = ci.PathForm(6.0, 4)
+    design = design_trajectory(
+        model, form, limits=asked.limits, stated=asked.stated, starts=1, workers=1,
+        time_limit=0.5,
+    )  # fmt: skip
+    played = design.trajectory.sample(np.linspace(0.0, 6.0, 3001))
+    robot = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
+    data = robot.createData()
+    motion = zip(played.position, played.velocity, played.acceleration, strict=True)
+    rigid = np.array([pin.rnea(robot, data, *state) for state in motion])
+    rubbed = 4.0 * played.velocity + 13.0 * np.sign(played.velocity)
+    reached = abs(rigid + rubbed).max(axis=0)
+    assert (reached <= 60.0).all() and reached.max() > 50.0
+
+
+def test_links_without_mass_take_the_proof_away(tmp_path):
+    problem, asked = request(tmp_path, arm(bodies=("3", "", "1")))
+    found = required(problem, asked)
+    assert asked.stated.massless == found.unweighed == ("l2",)
+    said = kept_limits(found)
+    assert said.startswith("limits of torque: NOT CHECKED with the weight of l2; ")
+    assert "limits of position, velocity: proven" in said
+    assert any("l2 has no mass in the robot's file" in note for note in found.notes)
+    # A frame has no mass.
+    problem, asked = request(tmp_path, arm(bodies=("3", "", "1"), frame=True))
+    assert asked.stated.massless == ()
+    assert "torque: proven" in kept_limits(required(problem, asked))
+
+
+def test_a_robot_without_any_mass_has_no_torque_to_check(tmp_path):
+    problem, asked = request(tmp_path, arm(bodies=("", "", "")))
+    found = required(problem, asked)
+    assert found.parameters is None
+    assert "torque is not checked: no link has a mass" in found.notes[-1]
+    said = kept_limits(found)
+    assert said.startswith("limits of torque: NOT CHECKED; limits of position, veloc")
+    assert "torque" not in said.partition("no limit is stated for")[2]
+
+
+def test_weight_behind_the_tip_takes_the_proof_away(tmp_path):
+    problem, asked = request(tmp_path, arm(), tip="l2")
+    found = required(problem, asked)
+    assert asked.stated.behind == found.unweighed == ("l3",)
+    assert "NOT CHECKED with the weight of l3" in kept_limits(found)
+    assert request(tmp_path, arm())[1].stated.behind == ()
+    assert (
+        request(tmp_path, arm(bodies=("3", "2", "")), tip="l2")[1].stated.behind == ()
+    )
+
+
+MOTORS = """<mujoco><worldbody><body><inertial pos="0 0 .1" mass="1"
+ diaginertia=".1 .1 .1"/><joint name="a" axis="0 1 0"/><body><inertial pos="0 0 .1"
+ mass="1" diaginertia=".1 .1 .1"/><joint name="b" axis="0 1 0" armature=".3"
+ damping=".2" frictionloss=".1"/></body></body></worldbody><actuator>
+ {first}<position joint="b" ctrlrange="-2 2" kp="100"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("motor", "effort"),
+    [
+        ('ctrlrange="-10 10" gear="3"', 30.0),
+        ('ctrlrange="-10 4" gear="-3"', 12.0),
+        ('ctrlrange="0 10"', 10.0),
+        ('ctrlrange="-10 10" forcerange="-5 40"', 5.0),
+        ('forcerange="-7 40" gear="2"', 14.0),
+        ("", np.inf),
+    ],
+)
+def test_motors_state_their_torque_by_their_controls_and_forces(
+    tmp_path, motor, effort
+):
+    """Both ways: of an uneven range, the smaller side."""
+    file = tmp_path / "arm.xml"
+    file.write_text(MOTORS.format(first=f'<motor joint="a" {motor}/>'))
+    first, second = load_mjcf(file).joints
+    assert first.limits.effort == pytest.approx(effort)
+    assert second.limits.effort == np.inf  # its controls are positions
+    limits = motion_limits(load_robot(file), velocity=1.0)
+    assert limits.effort[0] == pytest.approx(effort)
+
+
+def test_drives_of_an_mjcf_are_read(tmp_path):
+    file = tmp_path / "arm.xml"
+    file.write_text(MOTORS.format(first=""))
+    changes = {"velocity": 2.0}
+    asked = design_request(problem_to_excite(file, changes, Statement()))
+    assert asked.stated.drives["b"] == DrawnDrive(0.2, 0.1, 0.3)
+
+
+def test_options_of_feet_are_refused_without_feet(tmp_path, capsys):
+    file = tmp_path / "arm.urdf"
+    file.write_text(arm())
+    for option in (["--friction", "0.3"], ["--link", "l1"], ["--candidates", "5"]):
+        assert main(["excite", str(file), "--dry-run", *option]) == 2
+        assert f"{option[0]} is of a robot on its feet" in capsys.readouterr().err
+    assert main(["excite", str(file), "--dry-run", "--candidates", "320"]) == 0
+
+
+def test_the_shell_limits_the_effort_of_arms(tmp_path, capsys):
+    file = tmp_path / "arm.urdf"
+    file.write_text(arm())
+    problem = problem_to_excite(file, {"effort": 5.0}, Statement())
+    assert design_request(problem).limits.effort.tolist() == [5.0] * 3
+    assert main(["excite", str(file), "--dry-run", "--effort", "40", "--json"]) == 0
+    assert '"effort"' in capsys.readouterr().out
