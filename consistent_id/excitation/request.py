@@ -12,6 +12,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ConsistentIdError, ProblemError
 from consistent_id.excitation.aims import Aim, PathForm, forms_to_try, interest_names
 from consistent_id.excitation.criteria import Objective
+from consistent_id.excitation.unused_limits import unused_limits
 from consistent_id.excitation.unweighed_links import links_behind_tip, massless_links
 from consistent_id.excitation.verification import FRICTION_SHARE, FileParts
 from consistent_id.motion.collisions.bodies import (
@@ -320,7 +321,10 @@ def design_request(problem: Problem) -> DesignRequest:
     pose = _pose(table.start_pose, limits) if table.start_pose else None
     scene = requested_scene(problem)
     stated = FileParts(
-        drawn_drives(problem), links_behind_tip(problem), massless_links(problem)
+        drawn_drives(problem),
+        links_behind_tip(problem),
+        massless_links(problem),
+        unused_limits(problem),
     )
     notes: tuple[str, ...] = ()
     if table.scene is None:

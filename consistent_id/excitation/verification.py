@@ -38,6 +38,7 @@ At full speed friction takes 19 to 40 % of the effort limits of a UR10e's joints
 """
 
 _NAMED = 4  # of bodies in a note
+_POSES = 2000  # in which weight is compared with limits
 _REACH = 0.99  # share of a torque limit that may be used at samples
 
 
@@ -52,11 +53,14 @@ class FileParts(NamedTuple):
         Links with weight that moving links carry, and that the model does not have.
     massless : tuple of str
         Moving links that have shapes, but no mass.
+    notes : tuple of str
+        Notes on limits that the file states, and that are not used.
     """
 
     drives: Mapping[str, DrawnDrive] = {}
     behind: tuple[str, ...] = ()
     massless: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +125,35 @@ class Demands:
         unlimited = replace(self.limits, effort_rms=none)
         return replace(self, limits=unlimited)
 
+    def require_holdable(self) -> None:
+        """Refuse limits that a joint's own weight exceeds in all poses.
+
+        Raises
+        ------
+        InfeasibleError
+            With the joint, the least torque that holds it, and its limit.
+        """
+        if self.parameters is None:
+            return
+        limits, rng = self.limits, np.random.default_rng(0)
+        low = np.maximum(limits.lower, limits.middle - np.pi)
+        high = np.minimum(limits.upper, limits.middle + np.pi)
+        q = rng.uniform(low, high, (_POSES, len(limits.joints)))
+        every, still = replace(self.model, torque_joints=()), np.zeros_like(q)
+        for x in self.parameters:
+            held = every.predict(x, q, still, still)
+            one_way = (held > 0.0).all(axis=0) | (held < 0.0).all(axis=0)
+            least = np.where(one_way, abs(held).min(axis=0), 0.0)
+            for kind, limit in (
+                ("", limits.effort),
+                (" root mean square", limits.effort_rms),
+            ):
+                over = np.flatnonzero(least > limit)
+                if len(over):
+                    _refuse_to_hold(
+                        limits.joints[over[0]], least[over[0]], limit[over[0]], kind
+                    )
+
     def proof(self, paths: JointPath | Sequence[JointPath]) -> "PathProof":
         """Prove all limits of a path, or of several played one by one."""
         every = list(paths) if isinstance(paths, Sequence) else [paths]
@@ -184,6 +217,14 @@ class PathProof:
             self.clearance.require()
 
 
+def _refuse_to_hold(joint: str, least: float, limit: float, kind: str) -> None:
+    raise InfeasibleError(
+        f"{joint} needs {least:.3g} N m (N) or more to hold its weight, in each of "
+        f"{_POSES} poses of its range, and may use {limit:.3g}{kind}: no motion keeps "
+        "this. Raise the limit (--effort, --friction-share), or check the file's masses"
+    )
+
+
 def combined(proofs: Sequence[PathProof]) -> PathProof:
     """Return one proof from those of several paths, played one by one."""
     margins = min((p.margins for p in proofs), key=lambda found: found.least.relative)
@@ -227,6 +268,7 @@ def demands(
     notes: tuple[str, ...] = ()
     if scene is None:
         notes = ("collisions are not checked: no scene",)
+    notes = (*stated.notes, *notes)
     size = len(model.layout)
     if parameters is not None:
         members = np.atleast_2d(checked(parameters, np.shape(parameters), "parameters"))

@@ -1,11 +1,14 @@
 """What a robot's file says of its torque: rotors, friction, weight, actuators."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import consistent_id as ci
 from consistent_id.cli import main
+from consistent_id.errors import InfeasibleError
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.design_record import kept_limits
 from consistent_id.excitation.request import design_request
@@ -191,3 +194,46 @@ def test_the_shell_limits_the_effort_of_arms(tmp_path, capsys):
     assert design_request(problem).limits.effort.tolist() == [5.0] * 3
     assert main(["excite", str(file), "--dry-run", "--effort", "40", "--json"]) == 0
     assert '"effort"' in capsys.readouterr().out
+
+
+def test_weight_that_no_pose_holds_is_refused_before_the_search(tmp_path):
+    """Level within 0.1 rad: nearly 9.81 (3 * 0.2 + 2 * 0.5 + 1 * 0.8) = 23.5 N m."""
+    text = arm().replace('lower="-2" upper="2"', 'lower="-0.1" upper="0.1"')
+    problem, asked = request(tmp_path, text.replace('effort="60"', 'effort="20"'))
+    with pytest.raises(InfeasibleError, match=r"j1 needs 23\.\d N m") as no:
+        required(problem, asked).require_holdable()
+    assert "may use 14: no motion keeps this" in str(no.value)
+    with pytest.raises(InfeasibleError, match="j1 needs"):
+        design_trajectory(
+            ci.TorqueModel(problem.moving), limits=asked.limits, time_limit=60.0
+        )
+    strong, asked = request(tmp_path, text)
+    required(strong, asked).require_holdable()
+    weak = replace(asked, limits=replace(asked.limits, effort_rms=np.full(3, 20.0)))
+    with pytest.raises(InfeasibleError, match="may use 14 root mean square"):
+        required(strong, weak).require_holdable()
+    # In a wide range, there is a pose in which the arm hangs.
+    wide, asked = request(tmp_path, arm().replace('effort="60"', 'effort="2"'))
+    required(wide, asked).require_holdable()
+
+
+def test_limits_that_are_stated_and_not_used_are_said(tmp_path):
+    soft = (
+        '<safety_controller k_velocity="1" soft_lower_limit="-1" '
+        'soft_upper_limit="{}"/>'
+    )
+    text = arm().replace('velocity="2" effort="60"', 'velocity="2" effort="0"', 2)
+    text = text.replace('"/></joint>', f'"/>{soft.format(2)}</joint>', 1)
+    problem, asked = request(tmp_path, text)
+    first, second = asked.stated.notes
+    assert first == "effort = 0 of j1, j2 in the file is read as no limit"
+    assert second.startswith("soft limits (<safety_controller>) of j1 are narrower")
+    assert required(problem, asked).notes[:2] == (first, second)
+    same = arm().replace('"/></joint>', f'"/>{soft.format(3)}</joint>', 1)
+    same = same.replace('soft_lower_limit="-1"', 'soft_lower_limit="-3"')
+    assert request(tmp_path, same)[1].stated.notes == ()
+    (tmp_path / "arm.urdf").write_text(arm().replace('velocity="2"', 'velocity="0"', 1))
+    changes = {"velocity": 1.0}
+    still = problem_to_excite(tmp_path / "arm.urdf", changes, Statement())
+    (said,) = design_request(still).stated.notes
+    assert said == "velocity = 0 of j1 in the file is read as no limit"
