@@ -260,6 +260,26 @@ def when_written(act: Callable[[], None]) -> None:
         waiting.then.append(act)
 
 
+def remove_when_written(paths: Iterable[Path]) -> None:
+    """Remove files once those of `together` are there, except files among them."""
+    waiting, gone = _waiting.get(), tuple(paths)
+
+    def remove() -> None:
+        for path in gone:
+            if waiting is None or path not in waiting.files:
+                try:
+                    path.unlink(missing_ok=True)
+                except OSError as cause:
+                    _log.warning("%s was not removed: %s", path, cause.strerror)
+
+    when_written(remove)
+
+
+def has_content(path: Path, text: str) -> bool:
+    """Return whether a file is as `write_atomically` would write it."""
+    return _holds(path, sealed(path, text.encode()))
+
+
 def require_replaceable(path: Path, content: bytes | None = None) -> None:
     """Refuse to write over an input of the run, or over a file that others wrote.
 

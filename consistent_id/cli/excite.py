@@ -144,6 +144,7 @@ def run_excite(options: argparse.Namespace) -> int:
 
 def _excite(options: argparse.Namespace) -> Answer:
     from consistent_id.excitation import output
+    from consistent_id.excitation.earlier_files import REPLAY, earlier_files
     from consistent_id.excitation.html_replay import require_viewer
     from consistent_id.excitation.playable import playable_design
     from consistent_id.excitation.sources import (
@@ -163,7 +164,7 @@ def _excite(options: argparse.Namespace) -> Answer:
     earlier = earlier_recordings(problem, options.earlier)
     folder = options.output or Path("results") / problem.name
     if options.replay:
-        require_viewer(folder / output.REPLAY)
+        require_viewer(folder / REPLAY)
     output.require_formats(formats, problem.moving.joint_names)
     if options.dry_run:
         plan = output.planned(problem, parameters)
@@ -181,11 +182,13 @@ def _excite(options: argparse.Namespace) -> Answer:
         earlier=earlier,
         progress=shows_progress(options),
     )
-    text = "\n\n".join(table.text() for table in output.playable_tables(playable))
+    others = earlier_files(playable.moves, folder, formats, replayed=options.replay)
+    tables = (table.text() for table in output.playable_tables(playable))
+    record = output.playable_record(playable)
     return Answer(
         1 if playable.refusals else 0,
-        text,
-        output.playable_record(playable),
+        "\n\n".join([*others.sentences(), *tables]),
+        record | ({"earlier_files": others.record()} if others.record() else {}),
         partial(_written, options, problem, playable, folder, draft),
     )
 

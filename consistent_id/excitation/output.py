@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector
 from consistent_id._support.files import (
+    remove_when_written,
     require_writable,
     together,
     write_atomically,
@@ -32,6 +33,12 @@ from consistent_id.excitation.design_record import (
     limits_record,
 )
 from consistent_id.excitation.designed import PATH, SAMPLES, ExcitationDesign
+from consistent_id.excitation.earlier_files import (
+    CLIENT,
+    RECORD,
+    REPLAY,
+    earlier_files,
+)
 from consistent_id.excitation.html_replay import ShapesFile, write_replay
 from consistent_id.excitation.playable import (
     TRAINING,
@@ -61,10 +68,6 @@ from consistent_id.robot.parameters import did_you_mean
 FORMATS = ("csv", "yaml")
 """Endings of the files of samples that are written by default."""
 
-REPLAY = "replay.html"
-CLIENT = "follow.py"
-"""Script that plays ``yaml`` files on ROS 2, written beside them."""
-
 _BEFORE = "0.6"
 PLAN = "consistent_id plan 1"
 """Format of `Plan.record`."""
@@ -78,6 +81,9 @@ def write_design(
 ) -> list[Path]:
     """Write motions, figure and record into a folder; return the files.
 
+    Files of an earlier design there that are not replaced are removed, see
+    `earlier_files`.
+
     Parameters
     ----------
     playable : PlayableDesign
@@ -89,6 +95,7 @@ def write_design(
         Tolerance of ROS messages with few points, see `write_trajectory`.
     """
     require_writable(folder)
+    earlier = earlier_files(playable.moves, folder, formats)
     written = []
     with together():
         for name, move in playable.moves.items():
@@ -103,7 +110,8 @@ def write_design(
         picture = folder / "excitation.png"
         written += draw_figure(lambda: design_figure(playable.design), picture)
         record = playable_record(playable)
-        written.append(write_json(folder / "excitation.json", record))
+        written.append(write_json(folder / RECORD, record))
+        remove_when_written(earlier.removed)
     return written
 
 
@@ -143,7 +151,7 @@ def require_places(folder: Path, formats: Sequence[str]) -> None:
     motions = (TRAINING, VALIDATION)
     names = [f"{name}.{end}" for name in motions for end in ("json", *formats)]
     names += [CLIENT] * ("yaml" in formats)
-    require_writable(folder, ["excitation.png", "excitation.json", *names])
+    require_writable(folder, ["excitation.png", RECORD, *names])
 
 
 def _rate_of(ending: str, rate: float) -> float:
