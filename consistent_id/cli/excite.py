@@ -165,7 +165,7 @@ def _excite(options: argparse.Namespace) -> Answer:
     folder = options.output or Path("results") / problem.name
     if options.replay:
         require_viewer(folder / REPLAY)
-    output.require_formats(formats, problem.moving.joint_names)
+    output.require_formats(formats, problem.moving)
     if options.dry_run:
         plan = output.planned(problem, parameters)
         return tables_answer(plan.tables, plan.record)

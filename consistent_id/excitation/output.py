@@ -56,13 +56,14 @@ from consistent_id.motion.files.document import require_names
 from consistent_id.motion.files.robot_formats import (
     CYCLES,
     cycle_of,
-    require_joints,
+    require_robot,
 )
 from consistent_id.motion.files.trajectory_file import FORMAT_OF_ENDING
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
 from consistent_id.report.plot import draw_figure
 from consistent_id.robot.kinematics import link_places
+from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
 FORMATS = ("csv", "yaml")
@@ -115,26 +116,26 @@ def write_design(
     return written
 
 
-def require_formats(formats: Sequence[str], joints: Sequence[str]) -> None:
+def require_formats(formats: Sequence[str], robot: RobotModel) -> None:
     """Refuse formats that do not support a robot's joints, before any search.
 
     Parameters
     ----------
     formats : sequence of str
-        Endings of files of samples; some support a certain number of joints only.
-    joints : sequence of str
-        Names of the joints that move.
+        Endings of files of samples; those of controllers support a certain number of
+        joints only, all of which turn.
+    robot : RobotModel
+        The robot that moves.
 
     Raises
     ------
     ProblemError
-        With the format, the number of joints and the expected one, or with a name that
-        cannot be written.
+        With the format and what it expects, or with a name that cannot be written.
     """
     for ending in formats:
         form = FORMAT_OF_ENDING[f".{ending}"]
-        require_joints(form, len(joints), f"--format {ending}")
-        require_names(tuple(joints), Path(f"--format {ending}"))
+        require_robot(form, robot, f"--format {ending}")
+        require_names(robot.joint_names, Path(f"--format {ending}"))
 
 
 def require_thinned(formats: Sequence[str], tolerance: float | None) -> None:

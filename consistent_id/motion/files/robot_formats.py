@@ -9,6 +9,7 @@ programs for Universal Robots.
 
 import json
 import re
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -22,6 +23,8 @@ from consistent_id._support.extras import needed
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.recordings.recording import Recording
+from consistent_id.robot.chains import tips_with
+from consistent_id.robot.model import RobotModel
 
 _BILLION = 1_000_000_000
 _CHANNELS = ("positions", "velocities", "accelerations")
@@ -182,6 +185,51 @@ def require_joints(format: str, joints: int, where: str | Path) -> None:
             f"{where}: {joints} joints, expected {expected}, as robots that read this "
             f"format ({format}) have"
         )
+
+
+def require_robot(format: str, robot: RobotModel, where: str) -> None:
+    """Refuse a robot whose joints a format does not support, before any work.
+
+    Controllers read angles: joints that slide have none.
+
+    Parameters
+    ----------
+    format : str
+        As of `require_joints`.
+    robot : RobotModel
+    where : str
+        Begins the message.
+
+    Raises
+    ------
+    ProblemError
+        With the joint that slides, or the number of joints and the expected one, and
+        with options that lead to a robot of the format if there are any.
+    """
+    expected = _JOINTS.get(format)
+    if expected is None:
+        return
+    ways = [f"--tip {shlex.quote(tip)}" for tip in tips_with(robot, expected)]
+    sliding = [one.name for one in robot.driven if one.kind == "prismatic"]
+    if sliding and len(robot) - len(sliding) == expected:
+        ways.insert(0, f"--lock {shlex.join(sliding)}")
+    # Which of two arms is the user's choice.
+    first = ways[0] if ways and (len(ways) == 1 or sliding) else ""
+    if sliding:
+        told = f"{' or '.join(ways)}, or choose" if ways else "choose"
+        raise ProblemError(
+            f"{where}: joint {sliding[0]!r} slides, expected {expected} joints that "
+            f"turn: this format ({format}) has angles only; {told} csv, yaml, npz or "
+            "parquet",
+            options=first,
+        )
+    try:
+        require_joints(format, len(robot), where)
+    except ProblemError as cause:
+        if not ways:
+            raise
+        told = f"{cause}. {expected} of them lead to one link: {' or '.join(ways)}"
+        raise ProblemError(told, options=first) from None
 
 
 class Targets(NamedTuple):
