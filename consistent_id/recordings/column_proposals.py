@@ -182,6 +182,12 @@ def not_found(
     known: KnownColumns,
 ) -> RecordingError:
     """Return the error of a channel without columns, with advice."""
+    if channel == "torque" and _is_motion(names):
+        return RecordingError(
+            f"{log}: a motion as excite writes it, and no log: it has time, q_, dq_ "
+            f"and ddq_ of {shown(joints)}, and no torque. Play it on the robot, record "
+            "positions and torques or motor currents meanwhile, and name that log"
+        )
     more, options = _advice(log, channel, names, joints, known)
     flag = channel.replace("_", "-")
     return RecordingError(
@@ -190,6 +196,13 @@ def not_found(
         "the joint's name, {number} for its place from 1, {index} from 0." + more,
         options=options,
     )
+
+
+def _is_motion(names: Sequence[str]) -> bool:
+    """Return whether columns are those of a trajectory's samples, and no others."""
+    joints = [n.removeprefix("ddq_") for n in names if n.startswith("ddq_")]
+    of_them = {f"{d}q_{joint}" for d in ("", "d", "dd") for joint in joints}
+    return bool(joints) and {*names} == {"time", *of_them}
 
 
 def _advice(

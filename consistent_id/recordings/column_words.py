@@ -47,6 +47,7 @@ _COMMANDS |= {"aspos"}  # KUKA
 _COMMANDED |= {"d"}
 _OTHER = {"error", "err", "limit", "action", "ext", "external", "computed", "residual"}
 _OTHER |= {"ddot", "acc", "accel", "acceleration", "accelerations", "jerk", "std"}
+_OTHER |= {"ddq", "qdd", "qddot", "qacc", "ddtheta", "thetadd"}  # accelerations
 _OTHER |= {"gravity", "coriolis", "temperature", "temp", "temps", "voltage", "volts"}
 _OTHER |= {"status", "mode", "dimensions", "temperatur"}
 _OTHER |= {"fehler", "schleppfehler", "lagefehler", "abweichung", "regelabweichung"}

@@ -328,3 +328,22 @@ def test_a_simulated_torque_beside_more_columns_is_not_proposed(tmp_path):
     table = np.column_stack([TIME, *wide])
     np.savetxt(path, table, "%.17g", ",", header=",".join(header), comments="")
     assert options_of(path) == "--position 'q{1..2}'"
+
+
+def write_columns(path, **columns):
+    rows = np.column_stack([TIME, *(c for each in columns.values() for c in each.T)])
+    heads = ["time", *(f"{name}_{joint}" for name in columns for joint in JOINTS)]
+    np.savetxt(path, rows, delimiter=",", header=",".join(heads), comments="")
+    return path
+
+
+@pytest.mark.parametrize("mark", ["ddq", "qdd", "qddot", "acc"])
+def test_accelerations_are_not_proposed_as_torque(tmp_path, mark):
+    file = write_columns(tmp_path / "log.csv", q=Q, dq=DQ, **{mark: TAU, "error": Q})
+    assert options_of(file) == ""
+
+
+def test_a_designed_motion_is_no_log(tmp_path):
+    file = write_columns(tmp_path / "trajectory.csv", q=Q, dq=DQ, ddq=TAU)
+    with pytest.raises(RecordingError, match="a motion as excite writes it, and no"):
+        guess_columns(file, KnownColumns(JOINTS))
