@@ -1,7 +1,8 @@
 """The problem that a motion is designed for: a problem file's, or that of a robot."""
 
+import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,10 @@ import msgspec
 import numpy as np
 
 from consistent_id._support.arrays import Matrix
-from consistent_id.errors import ProblemError
+from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.file import read_problem_table
+from consistent_id.problems.found_logs import selection_of
 from consistent_id.problems.loading import problem_files, problem_of, stated_problem
 from consistent_id.problems.overrides import overridden
 from consistent_id.problems.parameter_tables import ConstraintsTable
@@ -23,6 +25,9 @@ from consistent_id.problems.task_tables import ExcitationTable, SceneTable
 from consistent_id.regression.base import base_parameters, require_same_model
 from consistent_id.regression.given_regression import load_regression
 from consistent_id.regression.regression import Regression
+from consistent_id.robot.chains import FLOATING
+from consistent_id.robot.loaders import load_robot
+from consistent_id.robot.model import RobotModel
 
 _LIMITS = (
     "velocity",
@@ -63,11 +68,66 @@ def problem_to_excite(
         Keys of ``[excitation]``, of its limits and its scene; None changes nothing.
     stated : Statement, optional
         Statement about the robot.
+
+    Raises
+    ------
+    ProblemError
+        If the robot's base floats.
     """
     stated = Statement() if stated is None else stated
     if is_robot(path):
         asked = changed(ExcitationTable(), changes)
-        return robot_draft(path, asked, stated).problem()
+        try:
+            draft = robot_draft(path, asked, stated)
+        except ModelError:
+            _require_stated_base(path, stated)
+            raise
+        return _with_fixed_base(draft.problem(), path)
+    return _with_fixed_base(_problem_of_file(path, changes, stated), path)
+
+
+def _require_stated_base(path: Path, stated: Statement) -> None:
+    """Refuse a robot that only floats because nobody states a base that stands still.
+
+    The loader also proposes a base that floats, which no motion can be designed for.
+    """
+    if stated.base is not None:
+        return
+    part = asdict(selection_of(stated)) | {"base": FLOATING}
+    try:
+        robot = load_robot(path, gravity=stated.gravity, **part)
+    except ModelError:
+        return
+    if robot.floating and len(robot):
+        raise _floating_base(path, robot)
+
+
+def _with_fixed_base(problem: Problem, path: Path) -> Problem:
+    if problem.moving.floating:
+        raise _floating_base(path, problem.moving)
+    return problem
+
+
+def _floating_base(path: Path, robot: RobotModel) -> ProblemError:
+    said = f"{path}: the base floats, but motions are designed for a fixed base"
+    if not is_robot(path):  # its recordings may have a base that moves
+        return ProblemError(
+            f"{said}: name the robot's file in place of the problem, with --base LINK "
+            "for a link that stands still or hangs, or with --standing (excite) for a "
+            "robot on its feet"
+        )
+    base = shlex.quote(robot.link_names[0])
+    return ProblemError(
+        f"{said}: --base {base} if this link stands still or hangs, or excite ROBOT "
+        "--standing if the robot stands on its feet",
+        options=f"--base {base}",
+    )
+
+
+def _problem_of_file(
+    path: Path, changes: Mapping[str, Any], stated: Statement
+) -> Problem:
+    """Return the problem of a problem file, with changes to its table."""
     (file,) = problem_files(path)
     table = overridden(read_problem_table(file), stated, file).table
     excitation = changed(table.excitation, changes)

@@ -3,6 +3,9 @@
 import pytest
 
 from consistent_id.cli import main
+from consistent_id.errors import ProblemError
+from consistent_id.excitation.sources import problem_to_excite
+from consistent_id.problems.statement import Statement
 
 LINK = """<link name="{0}"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
   <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -101,3 +104,21 @@ def test_unusual_robots_have_a_motion(tmp_path, capsys, kinds):
     words += ["--time-limit", "1", "--output", str(tmp_path / "out")]
     assert main(words) == 0
     assert "proven for all times" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("base", [None, "floating"])
+def test_a_base_that_floats_is_refused_before_the_search(tmp_path, base):
+    """The loader proposes it, but no motion can be designed for it."""
+    file = tmp_path / "robot.xml"
+    file.write_text(
+        """<mujoco><worldbody><body name="a"><freejoint/>
+        <inertial pos="0 0 0" mass="4" diaginertia=".1 .1 .1"/><body name="b">
+        <joint name="s" range="-1 1" axis="0 1 0"/>
+        <inertial pos="0 0 -.4" mass="1" diaginertia=".05 .05 .01"/></body></body>
+        </worldbody></mujoco>"""
+    )
+    with pytest.raises(ProblemError, match="designed for a fixed base: --base a") as it:
+        problem_to_excite(file, {"velocity": 2.0}, Statement(base=base))
+    assert "--standing" in str(it.value) and it.value.options == "--base a"
+    still = problem_to_excite(file, {"velocity": 2.0}, Statement(base="a"))
+    assert still.moving.joint_names == ("s",)
