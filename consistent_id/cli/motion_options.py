@@ -145,7 +145,10 @@ MOTION_OPTIONS = (
         const=False,
     ),
     Option(
-        "--ground METRES", "height of a floor that the robot must not touch", finite
+        "--ground METRES",
+        "height of a floor that the robot must not touch; as for all of the scene, its "
+        "shapes must be those of a URDF, or bodies in [excitation.scene]",
+        finite,
     ),
     Option(
         "--allowed BODY,BODY ...",

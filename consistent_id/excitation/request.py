@@ -4,6 +4,7 @@ The scene is the one that the file requests, or the robot's own shapes without o
 """
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -72,6 +73,8 @@ def requested_scene(problem: Problem) -> Scene | None:
     table = problem.table.excitation.scene
     if table is None or not problem.table.excitation.collisions:
         return None
+    if table.robot == "urdf" and problem.table.model.urdf is None:
+        raise ProblemError(_without_shapes(problem))
     bodies = [_body(body, number) for number, body in enumerate(table.bodies, 1)]
     try:
         if table.planning_scene is not None:
@@ -138,14 +141,30 @@ def _workspace(table: WorkspaceTable) -> Workspace:
     return Workspace(table.link, low, high, np.array(table.point))
 
 
+def _without_shapes(problem: Problem) -> str:
+    """Return what to do for a scene of a robot whose shapes are not read."""
+    mjcf = problem.table.model.mjcf
+    whose = "and this robot has none"
+    if mjcf is not None:
+        whose = f"not from MJCF files such as {Path(mjcf).name}"
+    link = problem.moving.link_names[-1]
+    return (
+        f"collision shapes are read from URDF files only, {whose}: --ground, "
+        "--clearance, --allowed and --planning-scene need them. Leave these out, and "
+        "collisions are not checked; or use the robot's URDF; or describe the robot's "
+        "bodies: consistent-id init ROBOT writes a problem.toml, in which "
+        '[excitation.scene] needs robot = "bodies", and a table '
+        "[[excitation.scene.bodies]] for each body, such as "
+        f'name = "{link}", link = "{link}", sphere = {{ radius = 0.1 }}'
+    )
+
+
 def _of_urdf(problem: Problem, table: SceneTable, bodies: list[Body]) -> Scene:
-    if problem.table.model.urdf is None:
-        raise ProblemError(
-            'robot = "urdf", but [model] has no urdf; write robot = "bodies", and give '
-            "the robot's in [[excitation.scene.bodies]], each with its link"
-        )
+    urdf = problem.table.model.urdf
+    if urdf is None:
+        raise ProblemError(_without_shapes(problem))
     return scene_from_urdf(
-        problem.file(problem.table.model.urdf),
+        problem.file(urdf),
         problem.moving,
         package_dirs=[problem.file(folder) for folder in table.packages],
         elements=table.elements,

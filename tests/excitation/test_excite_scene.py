@@ -120,8 +120,15 @@ def test_errors_name_the_key(tmp_path, parts, said):
 
 def test_shapes_of_a_urdf_need_a_urdf(tmp_path):
     text = LEVER.replace('robot = "bodies"', 'robot = "urdf"')
-    with pytest.raises(ProblemError, match=r"scene\]: robot = \"urdf\", but \[model\]"):
+    with pytest.raises(
+        ProblemError, match="from URDF files only, and this robot"
+    ) as it:
         planned(scene_problem(tmp_path, text))
+    # In the words of the shell first, where no problem file may have been written.
+    said = str(it.value)
+    assert (
+        said.index("--ground") < said.index("init ROBOT") < said.index("scene.bodies")
+    )
 
 
 def test_only_what_is_proven_is_said_to_be():
@@ -355,3 +362,16 @@ def test_a_tool_points_into_its_cone_from_rest_to_rest(tmp_path):
     free, _ = _blind(problem, found.design)
     q = free.trajectory.evaluate(np.linspace(0.0, 6.0, 2001), 0)[0]
     assert np.sin(q[:, 1] + q[:, 2]).min() < np.cos(np.radians(40.0))
+
+
+def test_the_shapes_of_an_mjcf_file_are_not_read(tmp_path, capsys):
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        """<mujoco><worldbody><body name="a"><joint name="s" range="-1 1"/>
+        <geom type="sphere" size=".1"/></body></worldbody></mujoco>"""
+    )
+    call = ["excite", str(file), "--velocity", "2", "--dry-run", "--ground", "0"]
+    assert main(call) == 2
+    said = capsys.readouterr().err
+    assert "not from MJCF files such as arm.xml" in said and 'name = "a"' in said
+    assert main(call[:-2]) == 0
