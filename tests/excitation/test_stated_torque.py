@@ -94,7 +94,7 @@ def test_the_torque_with_stated_friction_stays_within_the_limits(tmp_path):
         model, form, limits=asked.limits, stated=asked.stated, starts=1, workers=1,
         time_limit=0.5,
     )  # fmt: skip
-    played = design.trajectory.sample(np.linspace(0.0, 6.0, 3001))
+    played = design.trajectory.recording(500.0)
     robot = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
     data = robot.createData()
     motion = zip(played.position, played.velocity, played.acceleration, strict=True)
