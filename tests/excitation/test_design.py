@@ -265,7 +265,7 @@ def test_a_design_takes_account_of_earlier_recordings():
         (
             1.15,
             "torque of joint 'joint2'",
-        ),  # of 70 %, 0.805 N m: there is hardly a pose
+        ),  # 0.805 N m: there is hardly a pose
     ],
 )
 def test_an_effort_that_cannot_be_kept_names_the_joint(effort, why):
