@@ -4,32 +4,33 @@ Sentences say which limits a motion keeps, and what could not be checked.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import compress
 from typing import Any
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
 from consistent_id._support.singular import singular_values
 from consistent_id._support.tables import Table, some_of
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.playable import ValidationPath
+from consistent_id.excitation.used_limits import (
+    largest_values,
+    least_moved,
+    used_limits,
+)
 from consistent_id.excitation.verification import Demands, PathProof
 from consistent_id.motion.collisions.bodies import HalfSpace
 from consistent_id.motion.collisions.clearance import ClearanceReport
 from consistent_id.motion.collisions.scene import NEIGHBOURS, Scene
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.margins import Margin
-from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.base import ConditionNumber
 
 PROVEN = "proven for all times"
 TO_PROVE = "to be proven for all times"
 _STATED = ("velocity", "acceleration", "jerk", "effort")
 _NAMED = 4  # of unchecked bodies or of obstacles, in one sentence
-_HARDLY = 0.1  # share of a joint's range, or rad or m without one
-_SAMPLES = 1000
 
 
 def clearance_words(scene: Scene) -> str:
@@ -147,41 +148,7 @@ def _around(scene: Scene) -> str:
     return f"around it: {some_of(words, _NAMED)}"
 
 
-def least_moved(path: JointPath, limits: MotionLimits) -> str:
-    """Return which joints hardly move, in words.
-
-    A joint hardly moves if it uses less than a tenth of its range; without a range, if
-    it moves by less than 0.1 rad or m.
-    """
-    return least_moved_of(limits.joints, range_shares(path, limits))
-
-
-def least_moved_of(joints: Sequence[str], shares: Vector) -> str:
-    """Return which joints hardly move, in words, from the shares of their ranges."""
-    few = [k for k in np.argsort(shares) if shares[k] < _HARDLY]
-    if few:
-        named = tuple(
-            f"{joints[k]} ({100.0 * shares[k]:.2g} % of its range)" for k in few
-        )
-        verb = "moves" if len(few) == 1 else "move"
-        return f"hardly {verb}: {some_of(named, _NAMED)}"
-    k = int(np.argmin(shares))
-    return f"least moved: {joints[k]}, {100.0 * shares[k]:.0f} % of its range"
-
-
-def range_shares(path: JointPath, limits: MotionLimits) -> Vector:
-    """Return the share of its range that each joint uses; without one, in rad or m."""
-    order = [tuple(path.joints).index(joint) for joint in limits.joints]
-    time = path.start + path.duration * np.linspace(0.0, 1.0, _SAMPLES)
-    moved = np.ptp(path.evaluate(time, 0)[0][:, order], axis=0)
-    width = limits.upper - limits.lower
-    return np.asarray(moved / np.where(np.isfinite(width), width, 1.0))
-
-
 FORMAT = "consistent_id design 1"
-_ENDS = ("lower", "upper")
-_BOUNDED = ("velocity", "acceleration", "jerk", "torque")
-_OVER_TIME = ("torque rate", "torque RMS")
 _MOVES = {"trajectory": "whole_move", "validation": "validation_move"}
 """Names of the moves, and the keys of their clearances in a record."""
 
@@ -219,6 +186,7 @@ def design_record(
         },
         "aim": _aim(design),
         "limits": limits_record(design.limits),
+        "largest": largest_values(design),
         "scene": _scene(design, proofs or {}),
         "before": _condition(design.unoptimised.condition),
         "forms_tried": [form.frequencies.tolist() for form in design.tried],
@@ -309,39 +277,6 @@ def kept_sentences(design: ExcitationDesign) -> tuple[str, ...]:
         kept_limits(required),
         least_moved(design.trajectory, design.limits),
     )
-
-
-def used_limits(design: ExcitationDesign) -> Table:
-    """Return the share of each limit that a design uses, joint by joint."""
-    limits = design.limits
-    margins = {(m.joint, m.quantity): m for m in design.proof.margins.margins}
-    over_time = {m.quantity for m in design.proof.margins.margins} & {*_OVER_TIME}
-    quantities = (*_BOUNDED, *(name for name in _OVER_TIME if name in over_time))
-    rows = []
-    for j, joint in enumerate(limits.joints):
-        low, high = (margins.get((joint, f"{end} position")) for end in _ENDS)
-        cells = ["-"] * (1 + len(quantities))
-        if low is not None and high is not None:
-            span = limits.upper[j] - limits.lower[j]
-            cells[0] = f"{100.0 * (high.bound - low.bound) / span:.0f} %"
-        for k, quantity in enumerate(quantities, start=1):
-            if (margin := margins.get((joint, quantity))) is not None:
-                cells[k] = f"{100.0 * margin.bound / margin.limit:.0f} %"
-        rows.append((joint, *cells))
-    whose = _torque_of(design)
-    return Table(
-        "Share of each limit that is used",
-        ("joint", "range", *quantities),
-        tuple(rows),
-        () if any(whose in note for note in design.notes) else (f"torque: {whose}",),
-    )
-
-
-def _torque_of(design: ExcitationDesign) -> str:
-    """Return whose torque is compared with the limits, in words."""
-    if design.demands.parameters is None:
-        return "not checked"
-    return design.demands.torque_of
 
 
 def _searched(design: ExcitationDesign) -> str:

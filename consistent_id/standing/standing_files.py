@@ -9,7 +9,7 @@ import numpy as np
 
 from consistent_id._support.files import together, write_atomically
 from consistent_id._support.tables import Table
-from consistent_id.excitation.design_record import least_moved_of
+from consistent_id.excitation.used_limits import least_moved_of
 from consistent_id.motion.files.robot_formats import message_of
 from consistent_id.motion.files.trajectory_file import csv_of
 from consistent_id.report.plot import draw_figure
