@@ -17,6 +17,7 @@ from consistent_id.excitation.playable import ValidationPath
 from consistent_id.excitation.used_limits import (
     largest_values,
     least_moved,
+    longer_words,
     used_limits,
 )
 from consistent_id.excitation.verification import Demands, PathProof
@@ -257,6 +258,7 @@ def design_tables(
             f"{design.condition.scaling}",
             _searched(design),
             *([] if design.relative is None else [design.relative.note]),
+            *longer_words(design),
             *design.notes,
         ),
     )

@@ -12,6 +12,7 @@ from consistent_id._support.tables import Table, some_of
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.extremes import extremes
+from consistent_id.motion.proofs.margins import Margin
 from consistent_id.recordings.joint_paths import JointPath
 
 _ENDS = ("lower", "upper")
@@ -21,7 +22,9 @@ _OVER_TIME = ("torque rate", "torque RMS")
 _NAMED = 4  # joints, in one sentence
 _HARDLY = 0.1  # share of a joint's range, or rad or m without one
 _SAMPLES = 1000
+_AT_LIMIT = 0.9  # share of a velocity limit that stops a joint
 _UNITS = "values without a limit in rad or m, s, N m or N"
+_QUARTER = 0.25  # of its range, that such a joint should move through
 
 
 def least_moved(path: JointPath, limits: MotionLimits) -> str:
@@ -55,6 +58,41 @@ def range_shares(path: JointPath, limits: MotionLimits) -> Vector:
     return np.asarray(moved / np.where(np.isfinite(width), width, 1.0))
 
 
+def longer_duration(design: ExcitationDesign) -> float | None:
+    """Return the duration that joints stopped by their velocity limits need [s].
+
+    A sine of amplitude ``A`` and one period ``T`` has the velocity ``2 pi A / T``; the
+    amplitude is that of a quarter of the range.  None if no joint hardly moves because
+    of its velocity limit, or if a longer motion is not the reason.
+    """
+    limits = design.limits
+    shares = range_shares(design.trajectory, limits)
+    used = {m.joint: m.bound / m.limit for m in _margins_of(design, "velocity")}
+    width = limits.upper - limits.lower
+    needed = [
+        np.pi * _QUARTER * width[j] / limits.velocity[j]
+        for j, joint in enumerate(limits.joints)
+        if shares[j] < _HARDLY and used.get(joint, 0.0) >= _AT_LIMIT
+    ]
+    longest = max(needed, default=0.0)
+    if longest <= design.form.duration:
+        return None
+    step = 10.0 ** (np.floor(np.log10(longest)) - 1.0)
+    return float(np.ceil(longest / step) * step)
+
+
+def longer_words(design: ExcitationDesign) -> tuple[str, ...]:
+    """Return a sentence that advises a longer motion, if that is the reason."""
+    longer = longer_duration(design)
+    if longer is None:
+        return ()
+    return (
+        f"joints that hardly move are stopped by their velocity limits in "
+        f"{design.form.duration:g} s: --duration {longer:g} gives them time for a "
+        "quarter of their range",
+    )
+
+
 def largest_values(design: ExcitationDesign) -> dict[str, list[float | None]]:
     """Return the largest absolute values of each joint's motion, by quantity.
 
@@ -73,6 +111,11 @@ def largest_values(design: ExcitationDesign) -> dict[str, list[float | None]]:
         torque = predicted.kernel.torque(path.evaluate(time))
         found["torque"] = abs(torque).max(axis=(0, 1)).tolist()
     return found
+
+
+def _margins_of(design: ExcitationDesign, quantity: str) -> list[Margin]:
+    every = design.proof.margins.margins
+    return [margin for margin in every if margin.quantity == quantity]
 
 
 def used_limits(design: ExcitationDesign) -> Table:

@@ -7,6 +7,8 @@ import pytest
 
 from consistent_id.excitation.used_limits import (
     largest_values,
+    longer_duration,
+    longer_words,
     used_limits,
 )
 from consistent_id.motion.limits import MotionLimits
@@ -32,6 +34,23 @@ def _design(width, velocity=SPEED, predicted=None, **limits):
         demands=SimpleNamespace(predicted=predicted, parameters=None),
         notes=(),
     )
+
+
+def test_a_joint_that_its_velocity_limit_stops_is_given_more_time():
+    # An eighth of the range is the amplitude of a quarter of it: 1 m, five swings.
+    design = _design(width=8.0)
+    assert longer_duration(design) == pytest.approx(DURATION * 1.0 / SWING)
+    assert "--duration 50 gives them time" in longer_words(design)[0]
+    assert longer_words(_design(width=8.1))[0].count("--duration 51 ") == 1
+
+
+@pytest.mark.parametrize(
+    "design",
+    [_design(width=1.0), _design(width=8.0, velocity=2.0 * SPEED)],
+    ids=["it moves", "another limit stops it"],
+)
+def test_no_longer_motion_is_advised_where_time_is_not_the_reason(design):
+    assert longer_duration(design) is None and longer_words(design) == ()
 
 
 def test_without_a_limit_the_largest_value_is_printed():
