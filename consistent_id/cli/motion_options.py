@@ -98,7 +98,11 @@ MOTION_OPTIONS = (
         "regressor, then D; A: root sum of squares of the errors; E: largest error",
         choices=("D", "condition", "A", "E"),
     ),
-    Option("--harmonics N", "number of harmonics (default: several are tried)", whole),
+    Option(
+        "--harmonics N",
+        "number of harmonics, up to 50 (default: several are tried)",
+        whole,
+    ),
     Option(
         "--for, --interest NAMES",
         "parameters that matter, with commas: names of links, joints, parameters, such "

@@ -47,6 +47,9 @@ _ROW = 3e-6  # work of a guard's row for each joint
 _DRAW = 0.6  # for each joint, of the work of measuring guards at these times
 _LEAST = 0.01  # rad or m; a joint that can move less is not excited
 _MOST_SAMPLES = 1_000_000  # of a recording
+# Of a path; twice as many as any measured design used.  Variables grow with them, and
+# times with the highest: a step with hundreds takes minutes, in which nothing is heard.
+_MOST_FREQUENCIES = 50
 _FILL = 0.8  # share of the limits that a random path uses
 
 
@@ -294,6 +297,14 @@ def require_playable_form(form: PathForm, aim: Aim, limits: MotionLimits) -> Non
             f"a path of {form.duration:g} s with frequencies up to {highest:.4g} Hz "
             f"cannot be recorded at {aim.rate:g} Hz; make it longer, or use fewer "
             f"harmonics"
+        )
+    count = len(form.frequencies)
+    if count > _MOST_FREQUENCIES:
+        raise ProblemError(
+            f"a path of {count} frequencies, up to {highest:.4g} Hz, expected "
+            f"{_MOST_FREQUENCIES} at most, because a step of their search takes "
+            "minutes; give fewer harmonics, or leave their number out: several are "
+            "tried"
         )
     # From rest to rest at full speed, or accelerating for half of the time.
     reach = np.minimum(

@@ -45,6 +45,7 @@ def _answer(capsys, file, *words):
         (["--harmonics", "0"], "--harmonics: 0 is not a whole number above 0"),
         (["--harmonics", "2.5"], "--harmonics: 2.5 is not a whole number above 0"),
         (["--harmonics", "1"], "a path of one frequency cannot rest at both ends"),
+        (["--harmonics", "51"], "a path of 51 frequencies, up to 5.1 Hz, expected 50"),
         (["--harmonics", "5000"], "up to 500 Hz cannot be recorded at 100 Hz"),
         (["--starts", "0"], "--starts: 0 is not a whole number above 0"),
         (["--workers", "0"], "--workers: 0 is not a whole number above 0"),
