@@ -339,10 +339,16 @@ def _of_channel(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _of_optimum(evidence: Evidence) -> Iterator[Reason]:
+    """Name an optimum that is open: a fault of the solver, or of a refinement's kind.
+
+    A refinement begins at a certified fit, and is taken only if motion that it has not
+    seen is predicted as well; that its error is not convex says nothing against it.
+    """
     if evidence.optimum != "certified":
+        refined = evidence.method == Method.REFINED_BY_ROLLOUT
         yield Reason(
             "optimum not proven",
-            "use with care",
+            "use" if refined else "use with care",
             evidence.optimum_reason,
             "compare with another method",
         )

@@ -373,28 +373,6 @@ def _path(robot: RobotModel, k: int) -> list[int]:
     return path
 
 
-def tips_with(robot: RobotModel, joints: int) -> list[str]:
-    """Return the last links of chains from the base with so many joints that turn.
-
-    Joints that follow others are not counted; of a chain's links the first is named.
-
-    Examples
-    --------
-    >>> from consistent_id import DHRow, from_modified_dh
-    >>> arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 1), DHRow(0, 1)])
-    >>> tips_with(arm, 2)
-    ['link2']
-    """
-    found = []
-    for k, link in enumerate(robot.links):
-        path = [robot.joints[i] for i in _path(robot, k)]
-        turning = [joint for joint in path if joint.kind in ("revolute", "continuous")]
-        if len(path) == len(turning) and path[-1].driven:
-            if sum(joint.driven for joint in path) == joints:
-                found.append(link.name)
-    return found
-
-
 def _every(robot: RobotModel) -> list[str]:
     """Names of all joints, also of those that follow others."""
     return [joint.name for joint in robot.joints]

@@ -224,6 +224,10 @@ def test_an_unproven_optimum_asks_for_care():
     )
     assert kinds(doubted.verdict) == ["optimum not proven"]
     assert doubted.verdict.word == "use with care"
+    # A refinement is no optimum by its kind: this is said, and no reason for care.
+    refined = replace(doubted, method=Method.REFINED_BY_ROLLOUT).verdict
+    assert refined.word == "use" and not kinds(refined)
+    assert "optimum not proven" in [reason.kind for reason in refined.reasons]
 
 
 @pytest.mark.slow

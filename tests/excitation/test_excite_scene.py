@@ -364,6 +364,7 @@ def test_a_tool_points_into_its_cone_from_rest_to_rest(tmp_path):
     assert np.sin(q[:, 1] + q[:, 2]).min() < np.cos(np.radians(40.0))
 
 
+@pytest.mark.slow
 def test_the_shapes_of_an_mjcf_file_are_not_read(tmp_path, capsys):
     file = tmp_path / "arm.xml"
     file.write_text(

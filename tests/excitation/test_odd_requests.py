@@ -107,6 +107,7 @@ def test_unusual_robots_have_a_motion(tmp_path, capsys, kinds):
     assert "proven for all times" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", [None, "floating"])
 def test_a_base_that_floats_is_refused_before_the_search(tmp_path, base):
     """The loader proposes it, but no motion can be designed for it."""

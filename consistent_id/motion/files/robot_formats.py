@@ -23,7 +23,6 @@ from consistent_id._support.extras import needed
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.recordings.recording import Recording
-from consistent_id.robot.chains import tips_with
 from consistent_id.robot.model import RobotModel
 
 _BILLION = 1_000_000_000
@@ -209,7 +208,7 @@ def require_robot(format: str, robot: RobotModel, where: str) -> None:
     expected = _JOINTS.get(format)
     if expected is None:
         return
-    ways = [f"--tip {shlex.quote(tip)}" for tip in tips_with(robot, expected)]
+    ways = [f"--tip {shlex.quote(tip)}" for tip in _tips_with(robot, expected)]
     sliding = [one.name for one in robot.driven if one.kind == "prismatic"]
     if sliding and len(robot) - len(sliding) == expected:
         ways.insert(0, f"--lock {shlex.join(sliding)}")
@@ -230,6 +229,22 @@ def require_robot(format: str, robot: RobotModel, where: str) -> None:
             raise
         told = f"{cause}. {expected} of them lead to one link: {' or '.join(ways)}"
         raise ProblemError(told, options=first) from None
+
+
+def _tips_with(robot: RobotModel, joints: int) -> list[str]:
+    """Return the last links of chains from the base with so many joints that turn.
+
+    Joints that follow others are not counted; of a chain's links the first is named.
+    """
+    found = []
+    counts = {-1: 0}  # of the joints that turn up to each link; no more once one slides
+    for k, joint in enumerate(robot.joints):
+        if joint.kind not in ("revolute", "continuous") or joint.parent not in counts:
+            continue
+        counts[k] = counts[joint.parent] + joint.driven
+        if joint.driven and counts[k] == joints:
+            found.append(robot.links[k].name)
+    return found
 
 
 class Targets(NamedTuple):
