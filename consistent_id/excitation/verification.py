@@ -38,6 +38,9 @@ At full speed friction takes 19 to 40 % of the effort limits of a UR10e's joints
 """
 
 _NAMED = 4  # of bodies in a note
+_DRY, _DRAG = 0.9, 10.0
+"""Dry friction, and drag at the largest speed, over the torque limit: placeholders."""
+
 _POSES = 2000  # in which weight is compared with limits
 _REACH = 0.99  # share of a torque limit that may be used at samples
 
@@ -291,7 +294,16 @@ def demands(
     if not nominal.reshape(-1, 10)[:, 0].any():
         notes += ("torque is not checked: no link has a mass in the robot's file",)
         return Demands(limits, model, None, scene, notes)
-    counted, rubs = _counted(stated.drives, limits, friction_share)
+    if not 0.0 <= friction_share < 1.0:
+        raise ProblemError(
+            f"friction_share is {friction_share}, expected 0 or more, below 1"
+        )
+    counted, rubs, odd = _counted(stated.drives, limits, friction_share)
+    if odd:
+        notes += (
+            f"friction of {some_of(odd, _NAMED)} in the file is as large as the torque "
+            "limit, and does not count",
+        )
     whose = _whose(friction_share, counted, limits.joints, rubs)
     notes += (f"torque limits: {whose}; --parameters uses an estimate instead",)
     carried = _carried(scene, stated.behind)
@@ -306,24 +318,29 @@ def demands(
 
 def _counted(
     drives: Mapping[str, DrawnDrive], limits: MotionLimits, share: float
-) -> tuple[dict[str, DrawnDrive], BoolArray]:
-    """Return what counts of stated drives, and the joints whose friction does.
+) -> tuple[dict[str, DrawnDrive], BoolArray, tuple[str, ...]]:
+    """Return what counts of stated drives, the joints whose friction does, and others.
 
     Files state friction that is zero, or too small, so the share is left.  Friction
-    counts instead if it needs more at the joint's largest speed.
+    counts instead if it needs more at the joint's largest speed.  Friction that no
+    motor with this limit overcomes is a placeholder, and the last are its joints.
     """
+    limit = np.minimum(limits.effort, limits.effort_rms)
     own = [drives.get(name, DrawnDrive()) for name in limits.joints]
-    moving = np.array([drive.viscous > 0.0 for drive in own])
+    known = np.isfinite(limits.velocity)
     drag = np.array([drive.viscous for drive in own]) * np.where(
-        moving, limits.velocity, 0.0
+        known, limits.velocity, 0.0
     )
-    friction = drag + np.array([drive.coulomb for drive in own])
-    rubs = friction > share * limits.effort
+    dry = np.array([drive.coulomb for drive in own])
+    stated = np.isfinite(limit)
+    odd = stated & ((dry >= _DRY * limit) | (drag >= _DRAG * limit))
+    left = np.where(stated, share * np.where(stated, limit, 0.0), np.inf)
+    rubs = ~odd & (dry + drag > left)
     counted = {
         name: drive if more else DrawnDrive(rotor_inertia=drive.rotor_inertia)
         for name, drive, more in zip(limits.joints, own, rubs, strict=True)
     }
-    return counted, rubs
+    return counted, rubs, tuple(compress(limits.joints, odd))
 
 
 def _whose(
@@ -393,9 +410,6 @@ def _unweighed_notes(
 
 def _reserved(limits: MotionLimits, shares: Vector) -> MotionLimits:
     """Return limits with a reserved share of each joint's torque limits."""
-    share = float(shares.max(initial=0.0))
-    if not 0.0 <= share < 1.0 or not (shares >= 0.0).all():
-        raise ProblemError(f"friction_share is {share}, expected 0 or more, below 1")
     return replace(
         limits,
         effort=(1.0 - shares) * limits.effort,

@@ -256,8 +256,9 @@ class _ActuatedFile(NamedTuple):
 
         It is stated, or that of the largest control of a motor.
         """
-        ranges = (actuator_range(self.model, k) for k in self.of(joint))
-        return float(sum(max(-low, high) for low, high in ranges) or np.inf)
+        ranges = [actuator_range(self.model, k) for k in self.of(joint)]
+        low, high = np.sum(ranges, axis=0) if ranges else (0.0, 0.0)
+        return float(max(-low, high) or np.inf)
 
 
 class _DriveLines(NamedTuple):

@@ -343,7 +343,7 @@ def write_share(path: Path, share: RobotShare) -> None:
     arrays = {f"factor{j}": F for j, F in enumerate(regression.factors)}
     if noise is not None:
         arrays |= {f"scores{j}": N for j, N in enumerate(noise.scores)}
-        arrays |= {f"shapes{j}": N for j, N in enumerate(noise.shapes)}
+        arrays |= {f"shared{j}": N for j, N in enumerate(noise.shapes)}
         arrays["effective"] = noise.effective
         arrays["freedom"] = noise.freedom
         arrays["blocks"] = np.array(noise.beyond)
@@ -368,7 +368,7 @@ def read_share(path: Path, fleet: FleetModel) -> Regression:
                     for j in range(len(joints))
                     if f"{part}{j}" in file
                 )
-                for part in ("scores", "shapes")
+                for part in ("scores", "shared")
             )
             noise = CorrelatedNoise(
                 file["effective"],

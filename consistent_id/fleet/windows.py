@@ -399,8 +399,12 @@ class RowsInTurn:
     def shifted(self, row: int) -> Array | None:
         """See `Motion.shifted`."""
         parts = [motion.shifted(row) for motion in self.motions]
-        known = [part for part in parts if part is not None]
-        return np.concatenate(known) if len(known) == len(parts) else None
+        if all(part is None for part in parts):
+            return None
+        pairs = zip(parts, self.motions, strict=True)
+        return np.concatenate(
+            [np.zeros(len(m.q)) if part is None else part for part, m in pairs]
+        )
 
     def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
         """See `Motion.drive_columns`."""

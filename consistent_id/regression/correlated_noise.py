@@ -126,13 +126,25 @@ def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
     samples = [float(part.effective.sum()) for part in parts]
     beyond = float(np.average([part.beyond for part in parts], weights=samples))
     shapes = [part.shapes for part in parts if part.shapes]
+    most = max((len(N) for own in shapes for N in own), default=0)
+    of_shapes = zip(
+        *([_with_rows(N, most) for N in own] for own in shapes), strict=True
+    )
     return CorrelatedNoise(
         np.sum([part.effective for part in parts], axis=0),
         tuple(_compressed(np.vstack(scores)) for scores in of_joints),
         np.sum([part.freedom for part in parts], axis=0),
         max(beyond, 1.0),
-        tuple(np.sum(of_joint, axis=0) for of_joint in zip(*shapes, strict=True)),
+        tuple(np.sum(of_joint, axis=0) for of_joint in of_shapes),
     )
+
+
+def _with_rows(N: Matrix, rows: int) -> Matrix:
+    """Return shapes with rows of zeros below: the last error is not in all parts.
+
+    Those of a model's friction come first, and a delay has only what has commands.
+    """
+    return np.vstack([N, np.zeros((rows - len(N), N.shape[1]))])
 
 
 @single_threaded

@@ -118,7 +118,7 @@ class _NoiseRecord(msgspec.Struct, forbid_unknown_fields=True):
     scores: list[_Rows]
     blocks: float = 1.0
     freedom: list[float] | None = None  # None in files of earlier releases
-    shapes: list[_Rows] = []  # empty in files of earlier releases
+    shared: list[_Rows] = []  # shapes; empty in files of earlier releases
 
 
 class _RegressionRecord(msgspec.Struct, forbid_unknown_fields=True):
@@ -252,18 +252,18 @@ def _noise(
             f"noise of {' and '.join(map(str, sorted(sizes)))} joints, expected "
             f"positive numbers of {n}"
         )
-    if len(noise.shapes) not in (0, n):
+    if len(noise.shared) not in (0, n):
         raise ProblemError(
-            f"shapes of {len(noise.shapes)} joints, expected {n} or none"
+            f"shared errors of {len(noise.shared)} joints, expected {n} or none"
         )
     scores, shapes = (
         tuple(_matrix(rows, width, what) for rows in of_joints)
-        for what, of_joints in (("scores", noise.scores), ("shapes", noise.shapes))
+        for what, of_joints in (("scores", noise.scores), ("shared", noise.shared))
     )
     if len({len(rows) for rows in shapes}) > 1:
         raise ProblemError(
-            f"shapes: {' and '.join(str(len(rows)) for rows in shapes)} rows of the "
-            "joints, expected the same number of all"
+            f"shared errors: {' and '.join(str(len(rows)) for rows in shapes)} rows of "
+            "the joints, expected the same number of all"
         )
     return CorrelatedNoise(effective, scores, freedom, noise.blocks, shapes)
 

@@ -143,6 +143,7 @@ def every_sample(
             mixing = replace(mixing, unknown=left_out, held=None).holding()
     return motion._replace(
         torque=mixing.mixed(tau),
+        shift=None if shift is None else mixing.mixed(shift),
         mixing=mixing,
         peaks=abs(tau).max(axis=0),
         shares=mixing.shares,

@@ -59,7 +59,7 @@ def with_shape_errors(
     """Return noise with the scores of errors that all samples share.
 
     Those of Stribeck velocities, and of the delay of commands.  Where contact forces
-    are taken out, rows are mixed, and there are none.
+    are taken out, rows are mixed, and there are none of velocities.
 
     Parameters
     ----------
@@ -68,9 +68,10 @@ def with_shape_errors(
     noise : CorrelatedNoise
         Of these rows.
     """
-    fading = _fading(model)
+    mixed = any(motion.mixed for motion in motions)
+    fading = [] if mixed else _fading(model)
     late = any(motion.shifted(0) is not None for motion in motions)
-    if not (fading or late) or any(motion.mixed for motion in motions):
+    if not (fading or late):
         return noise
     fit = joint_fit(factors, counts)
     totals = [len(m.q) for m in motions] if samples is None else samples

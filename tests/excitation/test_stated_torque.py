@@ -8,7 +8,7 @@ import pytest
 
 import consistent_id as ci
 from consistent_id.cli import main
-from consistent_id.errors import InfeasibleError
+from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.design_record import kept_limits
 from consistent_id.excitation.request import design_request
@@ -238,3 +238,64 @@ def test_limits_that_are_stated_and_not_used_are_said(tmp_path):
     still = problem_to_excite(tmp_path / "arm.urdf", changes, Statement())
     (said,) = design_request(still).stated.notes
     assert said == "velocity = 0 of j1 in the file is read as no limit"
+
+
+@pytest.mark.parametrize(
+    ("drive", "velocity", "kept", "counts"),
+    [
+        (DrawnDrive(1e-4, 0.0), np.inf, 0.7, False),  # as MJCF files state it
+        (DrawnDrive(0.0, 55.0), 2.0, 0.7, False),  # a placeholder: 55 of 60 N m
+        (DrawnDrive(301.0, 0.0), 2.0, 0.7, False),
+        (DrawnDrive(299.0, 0.0), 2.0, 1.0, True),  # drag makes it slower
+        (DrawnDrive(0.0, 53.0), 2.0, 1.0, True),
+        (DrawnDrive(0.0, 18.1), np.inf, 1.0, True),
+        (DrawnDrive(0.0, 17.9), np.inf, 0.7, False),
+    ],
+)
+def test_friction_counts_between_the_share_and_placeholders(
+    tmp_path, drive, velocity, kept, counts
+):
+    problem, asked = request(tmp_path, arm())
+    speeds = {"velocity": np.full(3, velocity), "acceleration": np.full(3, 5.0)}
+    limits = replace(asked.limits, **speeds)
+    model, stated = ci.TorqueModel(problem.moving), FileParts({"j1": drive})
+    found = demands(model, limits, stated=stated)
+    assert found.limits.effort.tolist() == pytest.approx([kept * 60.0, 42.0, 42.0])
+    assert bool(found.model.layout.drive) is counts
+    odd = any("friction of j1 in the file is as large" in n for n in found.notes)
+    assert odd is (drive.coulomb == 55.0 or drive.viscous == 301.0)
+
+
+def test_friction_counts_against_limits_over_time(tmp_path):
+    problem, asked = request(tmp_path, arm())
+    none, few = np.full(3, np.inf), np.full(3, 30.0)
+    limits = replace(asked.limits, effort=none, effort_rms=few)
+    stated = FileParts({"j1": DrawnDrive(2.0, 6.0)})  # 10 N m of 30, more than 30 %
+    found = demands(ci.TorqueModel(problem.moving), limits, stated=stated)
+    assert found.limits.effort_rms.tolist() == pytest.approx([30.0, 21.0, 21.0])
+    limits = replace(limits, effort_rms=none, effort_rate=few)
+    found = demands(ci.TorqueModel(problem.moving), limits, friction_share=0.0)
+    assert np.isinf(found.limits.effort).all()
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.0, np.nan])
+def test_a_share_that_cannot_be_is_refused(tmp_path, share):
+    problem, asked = request(tmp_path, arm('<dynamics damping="5" friction="9"/>'))
+    model = ci.TorqueModel(problem.moving)
+    with pytest.raises(ProblemError, match="friction_share is"):
+        demands(model, asked.limits, None, None, share, asked.stated)
+
+
+@pytest.mark.parametrize(
+    ("motors", "effort"),
+    [
+        (('ctrlrange="0 1" gear="30"', 'ctrlrange="0 1" gear="-30"'), 30.0),
+        (('ctrlrange="-1 1" gear="30"', 'ctrlrange="0 1" gear="50"'), 30.0),
+        (('ctrlrange="-1 1" gear="30"', ""), np.inf),
+    ],
+)
+def test_ranges_of_motors_on_one_joint_add(tmp_path, motors, effort):
+    file = tmp_path / "arm.xml"
+    lines = "".join(f'<motor joint="a" {one}/>' for one in motors)
+    file.write_text(MOTORS.format(first=lines))
+    assert load_mjcf(file).joints[0].limits.effort == pytest.approx(effort)

@@ -62,11 +62,11 @@ def test_errors_of_stribeck_velocities_come_back_as_well(tmp_path):
     file = save_regression(regression, tmp_path / "r.json")
     same(load_regression(file), regression)
     record = json.loads(file.read_text())
-    record["noise"]["shapes"].pop()
+    record["noise"]["shared"].pop()
     file.write_text(json.dumps(record))
-    with pytest.raises(ProblemError, match="shapes of 2 joints, expected 3 or none"):
+    with pytest.raises(ProblemError, match="shared errors of 2 joints, expected 3"):
         load_regression(file)
-    record["noise"]["shapes"].append([])
+    record["noise"]["shared"].append([])
     file.write_text(json.dumps(record))
     with pytest.raises(ProblemError, match="3 and 3 and 0 rows of the joints"):
         load_regression(file)

@@ -142,13 +142,37 @@ def test_the_error_of_a_delay_does_what_another_delay_does(cutoff):
     assert len(ci.build_regression(arm(), bare).noise.shapes[0]) == JOINTS
 
 
+def test_the_error_of_a_delay_is_added_where_only_some_parts_have_it():
+    """Sums, streams and fleets join what has commands and what has not."""
+    rng, model = np.random.default_rng(13), arm()
+    _, late = told((STATED,) * JOINTS, rng, 0.02, (0.02, 0.001))
+    _, plain = recorded(model, rng, 0.1)
+    first, second = (ci.build_regression(model, log) for log in (late, plain))
+    (Nj, _), (Mj, _) = first.noise.shapes, second.noise.shapes
+    for joined in (first + second, second + first):
+        (own, _) = joined.noise.shapes
+        np.testing.assert_allclose(own[-1], Nj[-1])
+        np.testing.assert_allclose(own[:-1], Nj[:-1] + Mj)
+
+
+def test_rows_that_do_not_count_have_no_part_in_the_error_of_a_delay():
+    rng, model = np.random.default_rng(14), arm()
+    _, log = told((STATED,) * JOINTS, rng, 0.02, (0.02, 0.001), samples=400)
+    known = rng.uniform(size=log.position.shape) < 0.5
+    motion = motion_of(model, replace(log, torque_known=known), None)
+    for j in range(JOINTS):
+        np.testing.assert_array_equal(
+            motion.shifted(j), np.where(known[:, j], log.torque_shift[:, j], 0.0)
+        )
+
+
 @pytest.mark.slow
 def test_intervals_hold_where_the_delay_is_not_the_true_one():
     rng, held, bare = np.random.default_rng(12), [], []
     base = ci.regression.base_parameters(arm())
     for _ in range(25):
-        wrong = 0.02 + 0.001 * rng.normal()
-        truth, log = told((STATED,) * JOINTS, rng, 0.02, (wrong, 0.001))
+        wrong = 0.015 + 0.001 * rng.normal()
+        truth, log = told((STATED,) * JOINTS, rng, 0.015, (wrong, 0.001))
         noise = 0.1 * rng.normal(size=log.torque.shape)
         log = replace(log, torque=log.torque + noise).samples(slice(50, -50))
         for inside, used in ((held, log), (bare, replace(log, torque_shift=None))):

@@ -383,13 +383,13 @@ def _limits(model: Any, j: int) -> JointLimits:
     import mujoco
 
     lower, upper = model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf)
-    efforts = [
-        _either_way(actuator_range(model, a))
+    ranges = [
+        actuator_range(model, a)
         for a in range(len(model.actuator_trntype))
         if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT
         and model.actuator_trnid[a, 0] == j
     ]
-    effort = float(sum(efforts)) if efforts else np.inf
+    effort = _either_way(np.sum(ranges, axis=0)) if ranges else np.inf
     if model.jnt_actfrclimited[j]:
         effort = min(effort, _either_way(model.jnt_actfrcrange[j]))
     return JointLimits(float(lower), float(upper), effort=effort)
