@@ -16,7 +16,10 @@ from consistent_id.regression.rows.contact_maps import (
     contact_pushes,
     row_numbers,
 )
-from consistent_id.regression.rows.generalised_forces import measured_forces
+from consistent_id.regression.rows.generalised_forces import (
+    measured_forces,
+    shifted_forces,
+)
 from consistent_id.robot.kinematics import frame_motion
 
 THREE = [[i != j for j in range(4)] for i in range(4)]
@@ -45,6 +48,24 @@ def test_they_hold_what_the_fewer_rows_without_names_hold(robot, log):
     ).stacked()
     squares = [R.T @ R for R in (named, few)]
     assert np.allclose(*squares, rtol=0, atol=1e-11 * abs(squares[1]).max())
+
+
+@pytest.mark.slow
+def test_a_shift_of_torque_is_mixed_as_torque_is(robot, log):
+    """Its rows of the base are zero before contact forces are taken out."""
+    model = ci.TorqueModel(robot)
+    shift = np.random.default_rng(2).normal(size=log.torque.shape)
+    shifted = replace(log, torque_shift=shift)
+    found = motion_of(model, shifted, None)
+    more = motion_of(model, replace(log, torque=log.torque + shift), None)
+    plain = motion_of(model, log, None)
+    np.testing.assert_allclose(found.shift, more.torque - plain.torque, atol=1e-9)
+    assert plain.shift is None
+    bare = shifted_forces(model, shifted)
+    assert not bare[:, :6].any()
+    np.testing.assert_array_equal(bare[:, 6:], shift)
+    noise = ci.build_regression(model, shifted).noise
+    assert [len(N) for N in noise.shapes] == [1] * 18
 
 
 def test_contact_forces_leave_no_trace(robot, log):
