@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from consistent_id.errors import ConsistentIdError, ModelError, ProblemError
+from consistent_id.errors import ConsistentIdError, ProblemError
 from consistent_id.problems.file import (
     CouplingTable,
     DHTable,
@@ -46,6 +46,7 @@ from consistent_id.robot.solids import DrawnDrive, DrawnParts
 if TYPE_CHECKING:
     from consistent_id.motion.collisions.bodies import Body
     from consistent_id.robot.loaders.dh import DHRow
+    from consistent_id.robot.loaders.mjcf_spec import CompiledFile
 
 _LIMBS = 2  # an arm is one limb; what stands, walks or flies has several
 _JOINTS = 3  # of a limb: fingers and wheels have fewer
@@ -82,7 +83,7 @@ def drawn_drives(problem: Problem) -> dict[str, DrawnDrive]:
     if model.urdf is not None:
         return _urdf_drives(urdf_root(problem.file(model.urdf)))
     if model.mjcf is not None:
-        compiled = _compiled(problem.file(model.mjcf))[1]
+        compiled = _compiled(problem.file(model.mjcf)).model
         return _mjcf_drives(compiled, problem.moving)
     return {}
 
@@ -146,7 +147,7 @@ def _of_mjcf(file: Path, robot: RobotModel) -> DrawnParts:
 
     Shapes that do not contain the body's own mass do not show the whole body.
     """
-    blind, compiled = _compiled(file)
+    _, compiled, blind = _compiled(file)
     reach = {}
     names = {compiled.body(b).name: b for b in range(compiled.nbody)}
     for link in robot.links:
@@ -171,24 +172,12 @@ def _of_mjcf(file: Path, robot: RobotModel) -> DrawnParts:
     return DrawnParts(reach, _mjcf_drives(compiled, robot))
 
 
-def _compiled(file: Path) -> tuple[set[str], Any]:
-    """Return MuJoCo's model of a file, and its bodies whose meshes are missing."""
+def _compiled(file: Path) -> "CompiledFile":
+    """Return MuJoCo's model of a file."""
     from consistent_id.export.mjcf_bodies import require_mujoco
-    from consistent_id.robot.loaders.mjcf_spec import spec_of_file, stand_in
+    from consistent_id.robot.loaders.mjcf_spec import compiled_file
 
-    mujoco = require_mujoco()
-    try:
-        spec = spec_of_file(file, mujoco)
-        unseen = set(stand_in(spec, file, mujoco))
-        compiled = spec.compile()
-    except (ValueError, mujoco.FatalError) as cause:
-        raise ModelError(f"{file}: MuJoCo refuses it: {cause}") from None
-    blind = {
-        body.name
-        for body in spec.bodies
-        if any(geom.meshname in unseen for geom in body.geoms)
-    }
-    return blind, compiled
+    return compiled_file(file, require_mujoco())
 
 
 def _mjcf_drives(compiled: Any, robot: RobotModel) -> dict[str, DrawnDrive]:

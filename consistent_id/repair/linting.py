@@ -27,7 +27,7 @@ from consistent_id.repair.lint_rules import (
     probable_mistakes,
 )
 from consistent_id.robot.loaders.mjcf import compiled_body, load_mjcf, quaternion_matrix
-from consistent_id.robot.loaders.mjcf_spec import mjcf_elements, spec_of_file, stand_in
+from consistent_id.robot.loaders.mjcf_spec import compiled_file, mjcf_elements
 from consistent_id.robot.loaders.urdf import load_urdf
 from consistent_id.robot.loaders.urdf_in_place import inertia_matrix, numbers
 from consistent_id.robot.loaders.urdf_lint import (
@@ -207,17 +207,7 @@ def described_mjcf(path: Path, root: Element) -> tuple[DescribedRobot, FileEvide
     """
     mujoco = needed("mujoco", "mjcf", f"{path}: reading MJCF", ModelError)
     mjcf_elements(path)  # refuses pipes, which MuJoCo would wait for
-    try:
-        spec = spec_of_file(path, mujoco)
-        unseen = set(stand_in(spec, path, mujoco))
-        model = spec.compile()
-    except (ValueError, mujoco.FatalError) as cause:
-        raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None
-    blind = {
-        body.name
-        for body in spec.bodies
-        if any(geom.meshname in unseen for geom in body.geoms)
-    }
+    spec, model, blind = compiled_file(path, mujoco)
     lines = _lines(root, "body")
     links = [
         _link(model, b, lines.get(model.body(b).name, 1), blind)

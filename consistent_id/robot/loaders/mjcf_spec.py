@@ -10,7 +10,7 @@ import re
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from consistent_id._support.files import require_regular
 from consistent_id.errors import ModelError
@@ -188,6 +188,44 @@ def stand_in(spec: Any, path: Path, mujoco: Any) -> tuple[str, ...]:
         cube = texture.type != mujoco.mjtTexture.mjTEXTURE_2D
         texture.height = 6 if cube else 1
     return (*missing, *(texture.name for texture in textures))
+
+
+class CompiledFile(NamedTuple):
+    """MuJoCo's reading of an MJCF file.
+
+    Parameters
+    ----------
+    spec, model : object
+        MuJoCo's specification and its compiled model.
+    blind : set of str
+        Bodies whose meshes are missing, with stand-ins in their place.
+    """
+
+    spec: Any
+    model: Any
+    blind: set[str]
+
+
+def compiled_file(path: Path, mujoco: Any) -> CompiledFile:
+    """Compile an MJCF file, though meshes are missing.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo refuses the file.
+    """
+    try:
+        spec = spec_of_file(path, mujoco)
+        unseen = set(stand_in(spec, path, mujoco))
+        model = spec.compile()
+    except (ValueError, mujoco.FatalError) as cause:
+        raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None
+    blind = {
+        body.name
+        for body in spec.bodies
+        if any(geom.meshname in unseen for geom in body.geoms)
+    }
+    return CompiledFile(spec, model, blind)
 
 
 def refuse_unsupported(model: Any, moving: set[int], path: Path) -> None:
