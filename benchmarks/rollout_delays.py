@@ -18,7 +18,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from time import process_time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -157,16 +157,19 @@ def simulated(case: Case, robot: Robot | None = None) -> Simulated:
     found += NOISE * rng.standard_normal(found.shape)
     quantum = 2.0 * np.pi / COUNTS
     read = quantum * np.round(found / quantum)
-    drives = {
-        f"{joint.name}.{kind}": float(value)
-        for joint, coulomb in zip(spec.joints, level, strict=True)
-        for kind, value in (
-            ("viscous", joint.damping[0]),
-            ("coulomb", coulomb),
-            ("rotor_inertia", joint.armature),
-        )
-    }
-    return Simulated(ci.Recording(names, time, read, position_command=told), drives)
+    log = ci.Recording(names, time, read, position_command=told)
+    return Simulated(log, drives_of(spec, names, level))
+
+
+def drives_of(spec: Any, names: Sequence[str], level: np.ndarray) -> dict[str, float]:
+    """Return each joint's viscous and Coulomb friction and its rotor inertia."""
+    found = {}
+    for name, coulomb in zip(names, level, strict=True):
+        joint = spec.joint(name)
+        found[f"{name}.viscous"] = float(joint.damping[0])
+        found[f"{name}.coulomb"] = float(coulomb)
+        found[f"{name}.rotor_inertia"] = float(joint.armature)
+    return found
 
 
 def problem_of_log(case: Case, folder: Path, bodies: str) -> ci.Problem:

@@ -150,7 +150,6 @@ def design_trajectory(
     shares = _require_sensible(starts, time_limit, seed, workers)
     where = Executor.chosen(executor)
     required = demands(model, limits, parameters, scene, friction_share, stated)
-    required.require_holdable()
     aim = with_default_noise(aim or Aim(), measured, limits)
     forms = _forms(form, aim, required.limits)
     problems = _problems(measured, required, forms, aim, seed)

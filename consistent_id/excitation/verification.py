@@ -265,35 +265,51 @@ def demands(
     ProblemError
         If limits of a joint are missing, or parameters or scene are of another robot;
         or if no proof is possible for a drive term.
+    InfeasibleError
+        If a joint's weight exceeds its limit in all poses.
     """
     limits = robot_limits(limits, model.robot)
     _require_same_robot(scene, model.robot)
-    notes: tuple[str, ...] = ()
+    notes = stated.notes
     if scene is None:
-        notes = ("collisions are not checked: no scene",)
-    notes = (*stated.notes, *notes)
-    size = len(model.layout)
+        notes += ("collisions are not checked: no scene",)
+    bare = Demands(limits, model, None, scene, notes)
     if parameters is not None:
-        members = np.atleast_2d(checked(parameters, np.shape(parameters), "parameters"))
-        if members.ndim != 2 or members.shape[1] != size or not len(members):
-            raise ProblemError(
-                f"parameters have shape {np.shape(parameters)}, expected ({size},) or "
-                f"(members, {size}), one member or more, for this torque model"
-            )
-        require_enclosable(model)
-        count = len(members)
-        known = "an estimate" if count == 1 else f"each of {count} estimates"
-        notes += (f"torque limits: kept for {known}, not the robot's file",)
-        return Demands(limits, model, members, scene, notes)
-    if not np.isfinite([limits.effort, limits.effort_rate, limits.effort_rms]).any():
-        return Demands(limits, model, None, scene, (*notes, "torque has no limit"))
-    robot, nominal = model.robot, model.robot.nominal
+        found = _of_estimates(bare, parameters)
+    elif not np.isfinite([limits.effort, limits.effort_rate, limits.effort_rms]).any():
+        found = replace(bare, notes=(*notes, "torque has no limit"))
+    else:
+        found = _of_file(bare, friction_share, stated)
+    found.require_holdable()
+    return found
+
+
+def _of_estimates(bare: Demands, parameters: ArrayLike) -> Demands:
+    """Return demands with the torque of one estimate, or of several."""
+    size, model = len(bare.model.layout), bare.model
+    members = np.atleast_2d(checked(parameters, np.shape(parameters), "parameters"))
+    if members.ndim != 2 or members.shape[1] != size or not len(members):
+        raise ProblemError(
+            f"parameters have shape {np.shape(parameters)}, expected ({size},) or "
+            f"(members, {size}), one member or more, for this torque model"
+        )
+    require_enclosable(model)
+    count = len(members)
+    known = "an estimate" if count == 1 else f"each of {count} estimates"
+    note = f"torque limits: kept for {known}, not the robot's file"
+    return replace(bare, parameters=members, notes=(*bare.notes, note))
+
+
+def _of_file(bare: Demands, friction_share: float, stated: FileParts) -> Demands:
+    """Return demands with the torque that the robot's file states."""
+    nominal, limits, notes = bare.model.robot.nominal, bare.limits, bare.notes
+    lacking = None
     if nominal is None:
-        notes += ("torque is not checked: some links have no nominal inertia",)
-        return Demands(limits, model, None, scene, notes)
-    if not nominal.reshape(-1, 10)[:, 0].any():
-        notes += ("torque is not checked: no link has a mass in the robot's file",)
-        return Demands(limits, model, None, scene, notes)
+        lacking = "some links have no nominal inertia"
+    elif not nominal.reshape(-1, 10)[:, 0].any():
+        lacking = "no link has a mass in the robot's file"
+    if nominal is None or lacking is not None:
+        return replace(bare, notes=(*notes, f"torque is not checked: {lacking}"))
     if not 0.0 <= friction_share < 1.0:
         raise ProblemError(
             f"friction_share is {friction_share}, expected 0 or more, below 1"
@@ -306,14 +322,18 @@ def demands(
         )
     whose = _whose(friction_share, counted, limits.joints, rubs)
     notes += (f"torque limits: {whose}; --parameters uses an estimate instead",)
-    carried = _carried(scene, stated.behind)
-    notes += _unweighed_notes(carried, stated.massless)
-    limits = _reserved(limits, np.where(rubs, 0.0, friction_share))
-    moved = _with_drives(robot, counted)
+    carried = _carried(bare.scene, stated.behind)
+    moved = _with_drives(bare.model.robot, counted)
     values = [getattr(counted[joint], term) for joint, term in moved.layout.drive]
-    members = np.atleast_2d([*nominal.ravel(), *values])
-    unweighed = (*carried, *stated.massless)
-    return Demands(limits, moved, members, scene, notes, whose, unweighed)
+    return replace(
+        bare,
+        limits=_reserved(limits, np.where(rubs, 0.0, friction_share)),
+        model=moved,
+        parameters=np.atleast_2d([*nominal.ravel(), *values]),
+        notes=(*notes, *_unweighed_notes(carried, stated.massless)),
+        torque_of=whose,
+        unweighed=(*carried, *stated.massless),
+    )
 
 
 def _counted(

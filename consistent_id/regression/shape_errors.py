@@ -68,8 +68,8 @@ def with_shape_errors(
     noise : CorrelatedNoise
         Of these rows.
     """
-    mixed = any(motion.mixed for motion in motions)
-    fading = [] if mixed else _fading(model)
+    every = _fading(model)
+    fading = [] if any(motion.mixed for motion in motions) else every
     late = any(motion.shifted(0) is not None for motion in motions)
     if not (fading or late):
         return noise
@@ -88,8 +88,9 @@ def with_shape_errors(
     own = [
         np.where(np.equal(rows, j)[:, None], scores, 0.0) for j in range(len(counts))
     ]
-    if late:
-        own = [np.vstack(pair) for pair in zip(own, shifts, strict=True)]
+    if late:  # the last of all, in mixed rows as well: `joined_noise`
+        blank = np.zeros((len(every) - len(fading), len(fit.x)))
+        own = [np.vstack([N, blank, s]) for N, s in zip(own, shifts, strict=True)]
     shapes = (N * weight for N, weight in zip(own, fit.weights, strict=True))
     return replace(noise, shapes=tuple(shapes))
 

@@ -111,8 +111,8 @@ def delay_line(drives: FoundDrives) -> tuple[str, ...]:
     closely = "; consistent-id rollout finds the delay more closely"
     return (
         f"commands are taken to be {1e3 * known.delay:.2g} ms late, "
-        f"+- {1e3 * NORMAL * known.delay_error:.2g} (95 %), as the intervals of drives "
-        "contain" + closely * (known.delay_error > _LATE),
+        f"+- {1e3 * NORMAL * known.delay_error:.2g} ms (95 %); intervals of drives "
+        "contain this error" + closely * (known.delay_error > _LATE),
     )
 
 

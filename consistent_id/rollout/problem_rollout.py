@@ -386,21 +386,12 @@ def _rolled(
     if choice is not None and ridge is not None and ridge.cutoff is not None:
         choice = replace(choice, settings=replace(choice.settings, cutoff=ridge.cutoff))
         study = replace(study, problem=with_settings(study.problem, choice.settings))
-    hidden = hidden_friction(study) if choice is not None else ()
-    if hidden:
-        study = replace(study, problem=without_friction(study.problem, hidden))
+    notes: tuple[str, ...] = ()
+    if choice is not None:
+        study, notes = _as_rows_show(study)
     problem, gains = study.problem, gains_of(study.problem)
     begin("fit and verdict")
-    done = None
-    if ridge is not None and ridge.ridge is not None:
-        try:
-            done = _refined(study, gains, ridge.ridge)
-        except ConsistentIdError as reason:
-            ridge = replace(ridge, ridge=None, reason=str(reason))
-    if done is None:
-        estimate = study.run(costs=False).recommended.with_verdict
-    else:
-        estimate = replace(done.estimate, judged=study.verdict_on(done.estimate))
+    estimate, done, ridge = _delivered(study, gains, ridge)
     loss = None if form is None else _loss(stated, study, form)
     begin("rollouts")
     training = problem.logs("training")
@@ -423,8 +414,32 @@ def _rolled(
         ridge,
         *sureness,
         loss,
-        hidden_notes(hidden),
+        notes,
     )
+
+
+def _as_rows_show(study: Study) -> tuple[Study, tuple[str, ...]]:
+    """Return a study without Stribeck friction that rows do not show, and a note."""
+    hidden = hidden_friction(study)
+    if not hidden:
+        return study, ()
+    problem = without_friction(study.problem, hidden)
+    return replace(study, problem=problem), hidden_notes(hidden)
+
+
+def _delivered(
+    study: Study, gains: PDGains, ridge: RidgeChoice | None
+) -> tuple[Estimate, Refined | None, RidgeChoice | None]:
+    """Return the refined estimate, or else the recommended one, with its verdict."""
+    if ridge is not None and ridge.ridge is not None:
+        try:
+            done = _refined(study, gains, ridge.ridge)
+        except ConsistentIdError as reason:
+            ridge = replace(ridge, ridge=None, reason=str(reason))
+        else:
+            judged = study.verdict_on(done.estimate)
+            return replace(done.estimate, judged=judged), done, ridge
+    return study.run(costs=False).recommended.with_verdict, None, ridge
 
 
 def _refined(study: Study, gains: PDGains, ridge: float) -> Refined:

@@ -202,20 +202,24 @@ def test_weight_that_no_pose_holds_is_refused_before_the_search(tmp_path):
     text = arm().replace('lower="-2" upper="2"', 'lower="-0.1" upper="0.1"')
     problem, asked = request(tmp_path, text.replace('effort="60"', 'effort="20"'))
     with pytest.raises(InfeasibleError, match=r"j1 needs 23\.\d N m") as no:
-        required(problem, asked).require_holdable()
+        required(problem, asked)
     assert "may use 14: no motion keeps this" in str(no.value)
     with pytest.raises(InfeasibleError, match="j1 needs"):
         design_trajectory(
             ci.TorqueModel(problem.moving), limits=asked.limits, time_limit=60.0
         )
     strong, asked = request(tmp_path, text)
-    required(strong, asked).require_holdable()
+    required(strong, asked)
     weak = replace(asked, limits=replace(asked.limits, effort_rms=np.full(3, 20.0)))
     with pytest.raises(InfeasibleError, match="may use 14 root mean square"):
-        required(strong, weak).require_holdable()
+        required(strong, weak)
     # In a wide range, there is a pose in which the arm hangs.
     wide, asked = request(tmp_path, arm().replace('effort="60"', 'effort="2"'))
-    required(wide, asked).require_holdable()
+    required(wide, asked)
+    # Before a search, too: a plan says it.
+    assert main(["excite", str(tmp_path / "arm.urdf"), "--dry-run"]) == 0
+    (tmp_path / "arm.urdf").write_text(text.replace('effort="60"', 'effort="20"'))
+    assert main(["excite", str(tmp_path / "arm.urdf"), "--dry-run"]) == 2
 
 
 def test_limits_that_are_stated_and_not_used_are_said(tmp_path):

@@ -360,7 +360,7 @@ def test_the_report_shows_the_estimates_own_standard_errors(study):
 def test_a_delay_that_was_found_is_said_with_its_error(error, said):
     late = DriveCalibration(delay=0.01, delay_error=error)
     (line,) = delay_line(FoundDrives(calibration=late))
-    assert f"10 ms late, +- {1e3 * 1.96 * error:.2g} (95 %)" in line
+    assert f"10 ms late, +- {1e3 * 1.96 * error:.2g} ms (95 %)" in line
     assert ("rollout finds the delay" in line) is said
     exact = DriveCalibration(delay=0.01)
     assert delay_line(FoundDrives(calibration=exact)) == ()

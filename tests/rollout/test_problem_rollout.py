@@ -99,9 +99,8 @@ def test_refinement_lowers_the_error_it_learns_from_within_the_constraints(folde
     assert again == pytest.approx(found.after, rel=1e-9)
     known = lowered(problem.constraints, problem.model)
     assert known.violation(done.estimate.parameters) < 1e-9
-    change = done.estimate.parameters - fits[0].parameters
-    sure, errors = fits[0].parameter_errors, done.estimate.parameter_errors
-    np.testing.assert_allclose(errors, np.hypot(sure, change))
+    sure, change = fits[0].parameter_errors, fits[1].parameters - fits[0].parameters
+    np.testing.assert_allclose(fits[1].parameter_errors, np.hypot(sure, change))
     assert done.to_dict()["refined"]["training_error_after"] == found.after
     assert done.estimate.certificate.verdict == "uncertified"
 
@@ -126,9 +125,8 @@ def test_settings_are_the_best_of_those_that_were_tried(folder):
     made = with_settings(problem, choice.settings)
     assert made.delay_of_commands == choice.settings.delay
     low, high = choice.delay_interval
-    farther = max(high - choice.delay.delay, choice.delay.delay - low)
-    error = made.table.data.gains.delay_error
-    assert error == pytest.approx(farther / 1.96, rel=0.01)
+    farther = max(high - choice.delay.delay, choice.delay.delay - low) / 1.96
+    assert made.table.data.gains.delay_error == pytest.approx(farther, rel=0.01)
     assert made.training[0].torque_shift.any()
     assert made.table.drive.velocity_scale == choice.settings.velocity_scale
 
@@ -212,12 +210,11 @@ def test_the_shell_replays_and_writes_what_it_found(folder, tmp_path, capsys):
     expected = record["parameters_at_speed"]
     assert expected["speed"] > 1.2  # the chirp goes on
     assert set(expected["parameters"]) == set(record["parameters"])
-    delivered = out / f"{record['method'].replace(' ', '_')}.json"
-    values = json.loads(delivered.read_text())["parameters"]
+    written = out / f"{record['method'].replace(' ', '_')}.json"
+    values = json.loads(written.read_text())["parameters"]
     for name, told in record["parameters"].items():
-        same = values[name]
-        assert told["value"] == pytest.approx(same["value"])
-        assert told["half_interval"] == pytest.approx(same["half_interval"])
+        for kind in ("value", "half_interval"):
+            assert told[kind] == pytest.approx(values[name][kind])
     kept = parsed((out / "rollout.json").read_text())
     assert len(kept.pop("digest")) > 8  # it marks the tool's own files
     assert kept == record
@@ -225,7 +222,6 @@ def test_the_shell_replays_and_writes_what_it_found(folder, tmp_path, capsys):
     assert "hip: gain" in page and "true.xml" in page
     study = Study(load_problem(folder))
     assert record["method"] == study.recommendation.method
-    written = out / f"{record['method'].replace(' ', '_')}.json"
     export = tmp_path / "leg.xml"
     export_options = ["--format", "mjcf", "--output", str(export)]
     options = ["export", str(folder), "--estimate", str(written), *export_options]
