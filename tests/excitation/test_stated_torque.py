@@ -24,6 +24,7 @@ BODY = (
     '<inertial><origin xyz="0.2 0 0"/><mass value="{mass}"/><inertia ixx="0.02" '
     'iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial>'
 )
+BESIDE = '<parent link="base"/><child link="l3"/>'
 SHAPE = '<visual><geometry><sphere radius="0.05"/></geometry></visual>'
 
 
@@ -135,9 +136,11 @@ def test_weight_behind_the_tip_takes_the_proof_away(tmp_path):
     assert asked.stated.behind == found.unweighed == ("l3",)
     assert "NOT CHECKED with the weight of l3" in kept_limits(found)
     assert request(tmp_path, arm())[1].stated.behind == ()
-    assert (
-        request(tmp_path, arm(bodies=("3", "2", "")), tip="l2")[1].stated.behind == ()
-    )
+    _, asked = request(tmp_path, arm(bodies=("3", "2", "")), tip="l2")
+    assert asked.stated.behind == ()
+    # A second arm on the base does not hang on a link that moves.
+    other = arm().replace('<parent link="l2"/><child link="l3"/>', BESIDE)
+    assert request(tmp_path, other, tip="l2")[1].stated.behind == ()
 
 
 MOTORS = """<mujoco><worldbody><body><inertial pos="0 0 .1" mass="1"
@@ -214,7 +217,7 @@ def test_weight_that_no_pose_holds_is_refused_before_the_search(tmp_path):
     with pytest.raises(InfeasibleError, match="may use 14 root mean square"):
         required(strong, weak)
     # In a wide range, there is a pose in which the arm hangs.
-    wide, asked = request(tmp_path, arm().replace('effort="60"', 'effort="2"'))
+    wide, asked = request(tmp_path, arm().replace('effort="60"', 'effort="1e-6"'))
     required(wide, asked)
     # Before a search, too: a plan says it.
     assert main(["excite", str(tmp_path / "arm.urdf"), "--dry-run"]) == 0

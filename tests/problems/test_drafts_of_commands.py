@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from consistent_id import ProblemError, TorqueModel, draft_problem
 from consistent_id.cli import main
 from consistent_id.diagnosis.coverage import saturation_findings
 from consistent_id.problems.drafting import DRY
+from consistent_id.problems.loading import problem_of
 from consistent_id.problems.robot_logs import robot_logs
 from consistent_id.problems.statement import Statement
 from consistent_id.robot import load_urdf
@@ -102,6 +104,20 @@ def test_the_delay_of_commands_is_drafted(tmp_path, late, drafted):
     assert 0.0 < error < 1e-3
     assert draft.problem().drives.calibration.delay_error == error
     assert draft.problem().training[0].torque_shift.any()
+    # Also where a problem file asks for both, or for the scale of torque besides.
+    problem = draft.problem()
+    for scale in (1.0, "estimated"):
+        gains = structs.replace(
+            problem.table.data.gains, delay="estimated", delay_error=0.0, scale=scale
+        )
+        data = structs.replace(problem.table.data, gains=gains)
+        table = structs.replace(problem.table, data=data)
+        asked = problem_of(table, problem.folder / "problem.toml")
+        assert 0.0 < asked.drives.calibration.delay_error < 0.01
+    wrong = structs.replace(gains, delay_error=1e-3)
+    table = structs.replace(table, data=structs.replace(data, gains=wrong))
+    with pytest.raises(ProblemError, match=r"delay_error = 0\.001, but delay"):
+        problem_of(table, problem.folder / "problem.toml").gains  # noqa: B018
 
 
 @pytest.mark.slow

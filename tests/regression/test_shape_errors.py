@@ -8,6 +8,7 @@ from scipy import signal
 
 import consistent_id as ci
 from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
+from consistent_id.fleet.windows import RowsInTurn
 from consistent_id.recordings.signals import PDGains, commanded, low_passed
 from consistent_id.recordings.signals.clocks import cubic_spline
 from consistent_id.regression import shape_errors
@@ -153,6 +154,17 @@ def test_the_error_of_a_delay_is_added_where_only_some_parts_have_it():
         (own, _) = joined.noise.shapes
         np.testing.assert_allclose(own[-1], Nj[-1])
         np.testing.assert_allclose(own[:-1], Nj[:-1] + Mj)
+
+
+def test_windows_without_commands_have_no_shift():
+    rng, model = np.random.default_rng(15), arm()
+    _, late = told((STATED,) * JOINTS, rng, 0.02, (0.02, 0.001))
+    plain = replace(late, torque_shift=None)
+    first, second = (motion_of(model, log, None) for log in (late, plain))
+    found = RowsInTurn((second, first)).shifted(1)
+    np.testing.assert_array_equal(found[:SAMPLES], 0.0)
+    np.testing.assert_array_equal(found[SAMPLES:], late.torque_shift[:, 1])
+    assert RowsInTurn((second, second)).shifted(1) is None
 
 
 def test_rows_that_do_not_count_have_no_part_in_the_error_of_a_delay():

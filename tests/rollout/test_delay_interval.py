@@ -8,12 +8,13 @@ import pytest
 from consistent_id import load_problem
 from consistent_id.rollout.delay_interval import (
     damping_sentence,
+    delay_error,
     delay_interval,
     delay_sentence,
     delay_words,
     other_frictions,
 )
-from consistent_id.rollout.delay_search import MOST, SAME, FoundDelay, found_delay
+from consistent_id.rollout.delay_search import MOST, NEAR, SAME, FoundDelay, found_delay
 from consistent_id.signals import PDGains
 
 PLACES = np.array([0.006, 0.0075, 0.009, 0.0087] * 2)  # s, of blocks of equal weight
@@ -30,6 +31,12 @@ def test_without_other_friction_it_is_the_scatter_between_blocks():
     half = QUANTILE * FOUND.error + SAME
     expected = 0.007 - half, 0.007 + half
     assert delay_interval(FOUND, [], MOST) == pytest.approx(expected, rel=1e-6)
+
+
+def test_an_unknown_interval_counts_as_the_step_in_which_delays_are_tried():
+    assert delay_error(FOUND, None) == NEAR
+    # By the end that is farther away, 2.5 ms at 1.96 standard errors.
+    assert delay_error(FOUND, (0.006, 0.0095)) == pytest.approx(0.0025 / 1.96, rel=1e-2)
 
 
 def test_it_contains_the_intervals_with_other_friction():

@@ -57,6 +57,20 @@ def test_rollouts_that_diverge_are_passed_over():
     assert found.delay == pytest.approx(PLACES.mean() - 0.01, abs=1e-6)
 
 
+def test_neighbours_of_the_best_delay_are_nearer_where_rollouts_diverge():
+    """From 0.7 ms after it on: without a neighbour there is no parabola."""
+    best = PLACES.mean() - 0.01
+
+    def diverging(delay):
+        near = delay < best + 0.0007
+        return squares(delay, PLACES - 0.01) if near else np.full(4, np.inf)
+
+    found = found_delay(diverging, [best - APART, best, best + APART])
+    assert found.delay == pytest.approx(best, abs=1e-6)
+    standard = PLACES.std(ddof=1) / np.sqrt(len(PLACES))
+    assert found.error == pytest.approx(standard, rel=1e-6)
+
+
 def test_no_parabola_no_standard_error():
     assert found_delay(lambda delay: np.full(4, np.inf)).error == np.inf
 

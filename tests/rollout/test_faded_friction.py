@@ -7,6 +7,7 @@ import pytest
 
 import consistent_id as ci
 from consistent_id.problems.file import DriveTable, JointTable, PreparationTable
+from consistent_id.problems.study import Study
 from consistent_id.rollout.faded_friction import (
     hidden_friction,
     hidden_notes,
@@ -71,3 +72,23 @@ def test_a_model_without_such_friction_is_not_asked():
     study = study_of(0.25)
     plain = ci.TorqueModel(study.problem.model.robot, ci.DriveTerms(viscous=True))
     assert hidden_friction(SimpleNamespace(problem=SimpleNamespace(model=plain))) == ()
+
+
+@pytest.mark.slow
+def test_a_rollout_leaves_out_what_its_rows_do_not_show(tmp_path, monkeypatch):
+    pytest.importorskip("mujoco")
+    from commanded_leg import PROBLEM, write_leg
+
+    from consistent_id.rollout import problem_rollout
+
+    write_leg(tmp_path)
+    more = PROBLEM.replace("[constraints]", "stribeck_velocity = 0.4\n[constraints]")
+    (tmp_path / "problem.toml").write_text(more)
+    monkeypatch.setattr(problem_rollout, "hidden_friction", lambda study: ("knee",))
+    study = Study(ci.load_problem(tmp_path))
+    done = problem_rollout.rollout_of(study, choose=True)
+    assert "Stribeck friction of knee is left out" in done.notes[-1]
+    assert "knee.stribeck" not in done.estimate.model.layout.names
+    stated = problem_rollout.rollout_of(study)  # as it is stated
+    assert "knee.stribeck" in stated.estimate.model.layout.names
+    assert not stated.notes

@@ -66,6 +66,11 @@ def test_a_shift_of_torque_is_mixed_as_torque_is(robot, log):
     np.testing.assert_array_equal(bare[:, 6:], shift)
     noise = ci.build_regression(model, shifted).noise
     assert [len(N) for N in noise.shapes] == [1] * 18
+    # The delay's error is the last, below those of velocities, which are not known.
+    rubs = ci.TorqueModel(robot, ci.DriveTerms(coulomb="sign", stribeck_velocity=0.1))
+    shapes = ci.build_regression(rubs, shifted).noise.shapes
+    assert [len(N) for N in shapes] == [13] * 18
+    assert not np.array(shapes)[:, :-1].any() and np.array(shapes)[:, -1].any()
 
 
 def test_contact_forces_leave_no_trace(robot, log):
