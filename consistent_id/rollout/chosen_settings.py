@@ -30,11 +30,11 @@ from consistent_id.rollout.delay_search import (
     FoundDelay,
     found_delay,
 )
+from consistent_id.rollout.part_errors import is_larger
 from consistent_id.rollout.refined_parts import refined_parts
 from consistent_id.rollout.settings import (
     Settings,
     gains_of,
-    is_larger,
     table_in_form_of,
     with_settings,
 )
@@ -60,8 +60,8 @@ class SettingsChoice:
     Parameters
     ----------
     error : float, [rad or m]
-        Error of rollouts of the held-out part, both ways; it is the least of all that
-        were tried, so it is optimistic.
+        Error of rollouts of the held-out part, both ways.  Of all that were tried, its
+        error is the least with all joints alike, so it is optimistic.
     tried : tuple of (Settings, float)
     delay : FoundDelay, optional
         The delay with its standard error.
@@ -149,7 +149,8 @@ def chosen_settings(
         )
     interval = delay_interval(found, others, most)
     sure = replace(best, delay_error=delay_error(found, interval))
-    return SettingsChoice(sure, error(best), tried, found, tuple(skipped), interval)
+    plain = candidates.tried[best]
+    return SettingsChoice(sure, plain, tried, found, tuple(skipped), interval)
 
 
 def _searched(
@@ -158,7 +159,9 @@ def _searched(
     """Return the best settings, the best without rows of slow joints, and the delay."""
     error, groups = candidates.error, _sloped_groups(problem)
     best = _started(start, groups, problem, error)
+    candidates.weigh(best)
     best = replace(best, delay=_delayed(best, candidates, [*FIRST, most], most).delay)
+    candidates.weigh(best)
     best = _with_terms(best, problem, error)
     rested = _without_rests(best, problem, candidates, most)
     best = min((_shaped(best, problem, error), rested), key=error)
@@ -345,7 +348,7 @@ def _with_motors(best: Settings, problem: Problem, candidates: Candidates) -> Se
         return best
     shared = replace(best, equal_motors=groups)
     own, error = candidates.error(best), candidates.error(shared)
-    worse = is_larger(candidates.squares(shared), candidates.squares(best))
+    worse = is_larger(candidates.by_joint(shared), candidates.by_joint(best))
     worse &= own < (1.0 - WORTH) * error
     return best if worse or not np.isfinite(error) else shared
 

@@ -33,6 +33,7 @@ _THREADS = 2
 _SPAN = 11  # samples of a cubic through positions, whose slope is where a window begins
 
 _WORKERS = 2
+_MOST = 0.5  # share of the squared error by which one joint is named
 _PASSES = 4  # of the search of offsets; each leaves a small share of the rest
 
 
@@ -77,9 +78,20 @@ class Rollout:
         logs = ", ".join(replay.log.name for replay in replays)
         return (
             f"closed-loop replay of {logs}: {1e3 * self.rmse(name):.2f} mrad (mm), "
-            "root mean square of all joints, commands "
+            f"root mean square of all joints{self._mostly(name)}, commands "
             f"{1e3 * self.delay:.2f} ms late"
         )
+
+    def _mostly(self, model: str) -> str:
+        """Return the joint that has most of a model's squared error, if one has."""
+        replays = self.replays[model]
+        squares = np.mean([r.rmse**2 for r in replays], axis=0)
+        worst, joints = int(squares.argmax()), replays[0].log.joints
+        if len(joints) < 3 or squares[worst] <= _MOST * squares.sum():
+            return ""
+        others = np.sqrt(np.delete(squares, worst).mean())
+        error = 1e3 * np.sqrt(squares[worst])
+        return f" ({joints[worst]} {error:.2f}, the others {1e3 * others:.2f})"
 
     def tables(self) -> list[Table]:
         """Return the errors of all models, and those of their joints, for people."""

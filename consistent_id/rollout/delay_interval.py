@@ -36,13 +36,8 @@ from consistent_id.rollout.delay_search import (
     found_delay,
 )
 from consistent_id.rollout.motion_parts import Spans, within
-from consistent_id.rollout.settings import (
-    BLOCKS_OF_PART,
-    Settings,
-    block_squares,
-    compared_fit,
-    with_settings,
-)
+from consistent_id.rollout.part_errors import BLOCKS_OF_PART, block_squares
+from consistent_id.rollout.settings import Settings, compared_fit, with_settings
 
 _SHARPER = 0.25  # times the velocity scale
 _FADES = (0.2, 0.5)
@@ -190,7 +185,7 @@ def other_frictions(
     def squares(kind: Settings, delay: float) -> Vector:
         made = with_settings(problem, replace(kind, delay=delay))
         try:
-            return _squares(made, candidates.parts)
+            return candidates.weighted(_squares(made, candidates.parts))
         except ConsistentIdError:
             return np.full(2 * BLOCKS_OF_PART, np.inf)
 
@@ -240,7 +235,7 @@ def _speed(logs: Sequence[Recording]) -> float:
     return float(np.sqrt(np.median(np.mean(squares, axis=0))))
 
 
-def _squares(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:
+def _squares(problem: Problem, parts: tuple[Spans, Spans]) -> Matrix:
     """Return squares as `Candidates` do, with friction that MuJoCo lacks as torque."""
     logs, found = problem.logs("training"), []
     for learnt, other in (parts, parts[::-1]):

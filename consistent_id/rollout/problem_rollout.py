@@ -170,8 +170,8 @@ class ProblemRollout:
             "springs [N m/rad]": self._springs(),
         }
         notes = [
-            f"error on the other part {1e3 * choice.error:.2f} mrad (mm), the least of "
-            f"{len(choice.tried)}"
+            f"error on the other part {1e3 * choice.error:.2f} mrad (mm), the best of "
+            f"{len(choice.tried)}, with each joint's error over its level"
         ]
         if choice.delay is not None:
             rested = without_rests(self.problem, s)

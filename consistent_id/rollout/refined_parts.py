@@ -10,24 +10,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Matrix
 from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.problem import Problem
 from consistent_id.rollout.motion_parts import Spans, slow_and_fast, within
+from consistent_id.rollout.part_errors import (
+    block_squares,
+    diverged,
+    is_larger,
+    joint_weights,
+)
 from consistent_id.rollout.refine import (
     RefinementStart,
     refined_once,
     refinement_start,
 )
 from consistent_id.rollout.rollout_slopes import Replays
-from consistent_id.rollout.settings import (
-    BLOCKS_OF_PART,
-    block_squares,
-    difference_error,
-    gains_of,
-    torque_fit,
-)
+from consistent_id.rollout.settings import gains_of, torque_fit
 
 RIDGES = (0.1, 0.3, 1.0)
 """Weights of the torque fit that are tried, from large steps to small ones."""
@@ -46,7 +46,7 @@ class RefinedParts(NamedTuple):
 
     Parameters
     ----------
-    squares : dict of (float or None) to list of ndarray, shape (blocks,)
+    squares : dict of (float or None) to list of ndarray, shape (blocks, joints)
         Squared errors of the blocks of each part, for the weights of the torque fit and
         without refinement (None); infinite where rollouts diverge.
     starts : tuple of PartStart
@@ -54,7 +54,7 @@ class RefinedParts(NamedTuple):
         Why a refinement of a part is not possible.
     """
 
-    squares: dict[float | None, list[Vector]]
+    squares: dict[float | None, list[Matrix]]
     starts: tuple[PartStart, ...]
     reason: str | None = None
 
@@ -64,12 +64,13 @@ class RefinedParts(NamedTuple):
         return None if self.reason else best_ridge(self.squares)
 
     @property
-    def least(self) -> Vector:
-        """Squared errors of the blocks of both parts with the weight that is best."""
+    def least(self) -> Matrix:
+        """Squared errors of the blocks of both parts with the weight that is best.
+
+        An infinite one where a part has no estimate.
+        """
         found = self.squares[self.ridge]
-        if len(found) < 2:
-            return np.full(2 * BLOCKS_OF_PART, np.inf)
-        return np.concatenate(found)
+        return np.concatenate(found) if len(found) == 2 else np.full((1, 1), np.inf)
 
 
 def refined_parts(problem: Problem) -> RefinedParts:
@@ -77,7 +78,7 @@ def refined_parts(problem: Problem) -> RefinedParts:
 
     One step shows whether a refinement predicts; all weights share its derivatives.
     """
-    squares: dict[float | None, list[Vector]] = {r: [] for r in (None, *RIDGES)}
+    squares: dict[float | None, list[Matrix]] = {r: [] for r in (None, *RIDGES)}
     reason, starts = None, list[PartStart]()
     try:
         slow, fast = slow_and_fast(problem)
@@ -89,33 +90,34 @@ def refined_parts(problem: Problem) -> RefinedParts:
     return RefinedParts(squares, tuple(starts), reason)
 
 
-def best_ridge(squares: Mapping[float | None, Sequence[Vector]]) -> float | None:
+def best_ridge(squares: Mapping[float | None, Sequence[Matrix]]) -> float | None:
     """Return the weight with the least error that is worse on neither part.
+
+    Each joint counts over its level without refinement.
 
     Parameters
     ----------
-    squares : mapping of (float or None) to sequence of ndarray, shape (blocks,)
+    squares : mapping of (float or None) to sequence of ndarray, shape (blocks, joints)
         Squared errors of the blocks of each part, for the weights and without
         refinement (None).  Worse is what is worse by more than the standard error of
         the difference over blocks.
     """
 
-    def worse(now: Vector, before: Vector) -> bool:
-        if not (np.isfinite(now).all() and np.isfinite(before).all()):
-            return not np.isfinite(now).all()
-        return bool((now - before).sum() > difference_error(now - before))
+    def worse(now: Matrix, before: Matrix) -> bool:
+        return is_larger(now, before, errors=1.0)
 
     kept = [
         ridge
         for ridge, parts in squares.items()
         if ridge is None or not any(map(worse, parts, squares[None]))
     ]
-    return min(kept, key=lambda ridge: float(np.sum(squares[ridge])))
+    weights = joint_weights(np.concatenate(squares[None]))
+    return min(kept, key=lambda r: float((np.concatenate(squares[r]) @ weights).sum()))
 
 
 def _squares(
     problem: Problem, learnt: Spans, other: Spans, starts: list[PartStart]
-) -> Iterator[tuple[float | None, Vector]]:
+) -> Iterator[tuple[float | None, Matrix]]:
     """Yield the squared errors of one part's blocks, by fits to the other part.
 
     The start of the refinement is added to `starts`.
@@ -124,11 +126,11 @@ def _squares(
     estimate, regression = torque_fit(problem, within(problem.training, learnt))
     others = within(logs, other)
 
-    def squares(moved: Estimate) -> Vector:
+    def squares(moved: Estimate) -> Matrix:
         try:
             return block_squares(problem, moved, others)
         except RecordingError:
-            return np.full(BLOCKS_OF_PART, np.inf)
+            return diverged(problem)
 
     yield None, squares(estimate)
     replays = Replays.of(estimate, within(logs, learnt), gains_of(problem))

@@ -9,20 +9,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Matrix
 from consistent_id.errors import ConsistentIdError
 from consistent_id.problems.problem import Problem
 from consistent_id.rollout.chosen_settings import cutoffs
 from consistent_id.rollout.delay_interval import without_rests
 from consistent_id.rollout.motion_parts import within
+from consistent_id.rollout.part_errors import block_squares, is_larger
 from consistent_id.rollout.refine import full_step
 from consistent_id.rollout.refined_parts import PartStart, refined_parts
 from consistent_id.rollout.settings import (
     Settings,
-    block_squares,
     compared_fit,
     gains_of,
-    is_larger,
     with_settings,
 )
 
@@ -100,7 +99,7 @@ def _lowered(
     a filter's reach around reversals grows, and few rows would be left.
     """
 
-    def squares(cutoff: float) -> Vector:
+    def squares(cutoff: float) -> Matrix:
         made = with_settings(problem, replace(settings, cutoff=cutoff))
         logs, found = made.logs("training"), []
         for learnt, other, start in starts:

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import Matrix
 from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import (
     ProblemError,
@@ -48,13 +48,11 @@ from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import require_known
 from consistent_id.rollout.commanded_motion import replay, replayable
-from consistent_id.rollout.delay_search import student
 from consistent_id.rollout.faded_friction import (
     without_slow_friction,
     without_stribeck,
 )
-from consistent_id.rollout.motion_parts import Spans, within
-from consistent_id.rollout.replay_model import SEARCH_STEP, STEP, replay_model
+from consistent_id.rollout.replay_model import STEP, replay_model
 
 _EVERYWHERE = ("viscous", "coulomb", "velocity_scale", "offset", "rotor_inertia")
 
@@ -115,9 +113,6 @@ def table_in_form_of(table: ProblemTable, form: str) -> ProblemTable:
         drive=reduced(table.drive),
         joints={name: reduced(joint) for name, joint in table.joints.items()},
     )
-
-
-BLOCKS_OF_PART = 4  # whose scatter is the error of the delay
 
 
 @dataclass(frozen=True, slots=True)
@@ -416,53 +411,3 @@ def replay_errors(
         replay(model, log, delay=delay, offsets=given).errors
         for log, given in zip(known, more, strict=True)
     ]
-
-
-def squares_of_part(problem: Problem, learnt: Spans, other: Spans) -> Vector:
-    """Return the squares of blocks of a part; infinite if its motion diverges."""
-    estimate, _ = compared_fit(problem, within(problem.training, learnt))
-    try:
-        return block_squares(problem, estimate, within(problem.logs("training"), other))
-    except RecordingError:  # it was built, and is bad
-        return np.full(BLOCKS_OF_PART, np.inf)
-
-
-def block_squares(
-    problem: Problem,
-    estimate: Estimate,
-    logs: Sequence[Recording],
-    offsets: Sequence[Matrix] | None = None,
-) -> Vector:
-    """Return half of the mean squared error over blocks of rollouts, which add up.
-
-    Two parts make the whole.
-
-    Parameters
-    ----------
-    offsets : sequence of ndarray, shape (samples, joints), optional, [N m or N]
-        See `replay_errors`.
-
-    Raises
-    ------
-    RecordingError
-        If a motion diverges.
-    """
-    errors = np.vstack(replay_errors(problem, estimate, logs, SEARCH_STEP, offsets))
-    blocks = np.array_split(errors, BLOCKS_OF_PART)
-    return np.array([(block**2).sum() / errors.size / 2.0 for block in blocks])
-
-
-def difference_error(squares: Vector) -> float:
-    """Return the standard error of a sum over blocks."""
-    return float(np.std(squares, ddof=1) * np.sqrt(len(squares)))
-
-
-def is_larger(now: Vector, before: Vector) -> bool:
-    """Return whether squared errors of blocks are larger by more than chance (95 %).
-
-    Infinite ones, of motions that diverge, are larger than others.
-    """
-    if not (np.isfinite(now).all() and np.isfinite(before).all()):
-        return not np.isfinite(now).all()
-    more = now - before
-    return bool(more.sum() > student(len(more)) * difference_error(more))

@@ -62,22 +62,23 @@ rows = [1220, 1900]
 """
 
 
-def write_leg(folder, delay=0.0, stribeck=0.0):
+def write_leg(folder, delay=0.0, stribeck=0.0, stop=1.5):
     """Write ``leg.xml``, ``true.xml``, ``log.csv`` and ``problem.toml``.
 
     Commands act with a delay [s].  Dry friction at rest is larger by a share, which
-    fades at 0.3 rad/s.
+    fades at 0.3 rad/s.  The knee has a stop [rad].
     """
     (folder / "leg.xml").write_text(ROBOT.format(hip="", knee=""))
     (folder / "true.xml").write_text(ROBOT.format(**TRUTH))
     (folder / "problem.toml").write_text(PROBLEM)
-    (folder / "log.csv").write_text(_log(delay, stribeck))
+    (folder / "log.csv").write_text(_log(delay, stribeck, stop))
 
 
 @cache
-def _log(delay, stribeck):
+def _log(delay, stribeck, stop):
     true = ROBOT.format(**TRUTH).replace("<freejoint/>", "")
     model = mujoco.MjModel.from_xml_string(true)
+    model.joint("knee").range[1] = stop
     model.opt.timestep = 1e-4  # of first order, by the robot's own drives
     data, rows, late = mujoco.MjData(model), [], round(delay / 1e-4)
     level = model.dof_frictionloss.copy()

@@ -17,15 +17,11 @@ from consistent_id.rollout.chosen_settings import (
     _with_motors,
     chosen_settings,
 )
+from consistent_id.rollout.part_errors import BLOCKS_OF_PART, is_larger
 from consistent_id.rollout.refine import _by_base, refined_once, refinement_start
 from consistent_id.rollout.refined_parts import RIDGES, RefinedParts
 from consistent_id.rollout.rollout_slopes import Replays
-from consistent_id.rollout.settings import (
-    BLOCKS_OF_PART,
-    Settings,
-    is_larger,
-    torque_fit,
-)
+from consistent_id.rollout.settings import Settings, torque_fit
 
 BLOCKS = 2 * BLOCKS_OF_PART
 SPREAD = np.array([4.0, -3.0, 2.0, -1.0, 3.0, -2.0, 1.0, -3.0])
@@ -57,8 +53,8 @@ class Stated(Candidates):
         super().__init__(problem)
         self._stated = squares
 
-    def squares(self, settings):
-        found = np.broadcast_to(self._stated(settings), BLOCKS)
+    def by_joint(self, settings):
+        found = np.broadcast_to(self._stated(settings), BLOCKS)[:, None]
         self.tried[settings] = float(np.sqrt(found.sum()))
         return found
 
@@ -128,7 +124,7 @@ def test_refined_estimates_judge_gears_and_bodies(
     def refined(made):
         error = coupled if made.model.couplings else 1.0
         error *= 1.0 if made.table.constraints.bodies == "model" else identified
-        return RefinedParts({None: [np.full(BLOCKS_OF_PART, error)] * 2}, ())
+        return RefinedParts({None: [np.full((BLOCKS_OF_PART, 1), error)] * 2}, ())
 
     monkeypatch.setattr(choice_module, "refined_parts", refined)
     # Torque fits are better with more parameters.
@@ -147,15 +143,15 @@ def test_stated_bodies_are_not_judged(tmp_path, monkeypatch, line):
 
 
 def test_refined_parts_that_diverge_are_worse_than_others():
-    parts = RefinedParts({None: [np.ones(BLOCKS_OF_PART)]}, (), "a part diverges")
+    parts = RefinedParts({None: [np.ones((BLOCKS_OF_PART, 1))]}, (), "a part diverges")
     assert parts.ridge is None and np.isinf(parts.least).all()
-    assert is_larger(parts.least, np.ones(BLOCKS))
-    assert not is_larger(np.ones(BLOCKS), parts.least)
+    assert is_larger(parts.least, np.ones((BLOCKS, 1)))
+    assert not is_larger(np.ones((BLOCKS, 1)), parts.least)
 
 
 def test_an_error_is_larger_if_chance_makes_it_so_in_fewer_than_one_of_20_times():
-    before = np.full(BLOCKS, 10.0)
-    spread = SPREAD - SPREAD.mean()
+    before = np.full((BLOCKS, 1), 10.0)
+    spread = (SPREAD - SPREAD.mean())[:, None]
     error = np.std(spread, ddof=1) / np.sqrt(BLOCKS)
     assert not is_larger(before + spread + 2.2 * error, before)
     assert is_larger(before + spread + 2.5 * error, before)

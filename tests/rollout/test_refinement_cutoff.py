@@ -58,7 +58,7 @@ def test_a_refinement_begins_at_the_lowest_cutoff_that_predicts_as_well(
         assert moved.parameters == moved.cutoff == made.cutoff
         if seen[made.cutoff] is None:
             raise RecordingError("diverges")
-        return 10.0 + np.array(seen[made.cutoff])
+        return 10.0 + np.array(seen[made.cutoff])[:, None]
 
     def stated(problem, settings):
         return SimpleNamespace(**vars(problem) | {"cutoff": settings.cutoff})
@@ -83,8 +83,8 @@ def test_a_refinement_begins_at_the_lowest_cutoff_that_predicts_as_well(
     assert found.cutoffs[30.0] == pytest.approx(np.sqrt(40.0))
 
 
-EVEN = np.full(4, 10.0)  # squared errors of the blocks of a part
-SPREAD = np.array([9.0, -3.0, -3.0, 1.0])
+EVEN = np.full((4, 1), 10.0)  # squared errors of the blocks of a part
+SPREAD = np.array([[9.0], [-3.0], [-3.0], [1.0]])
 
 
 @pytest.mark.parametrize(

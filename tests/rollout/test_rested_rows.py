@@ -25,8 +25,9 @@ from consistent_id.rollout.delay_interval import (
     without_rests,
 )
 from consistent_id.rollout.delay_search import MOST
+from consistent_id.rollout.part_errors import BLOCKS_OF_PART
 from consistent_id.rollout.problem_rollout import rollout_of
-from consistent_id.rollout.settings import BLOCKS_OF_PART, Settings, with_settings
+from consistent_id.rollout.settings import Settings, with_settings
 
 
 @pytest.fixture(scope="module")
@@ -43,10 +44,10 @@ class Stated(Candidates):
         super().__init__(problem)
         self._stated = error
 
-    def squares(self, settings):
+    def by_joint(self, settings):
         error = self._stated(settings)
         self.tried[settings] = error
-        return np.full(2 * BLOCKS_OF_PART, error**2 / (2 * BLOCKS_OF_PART))
+        return np.full((2 * BLOCKS_OF_PART, 1), error**2 / (2 * BLOCKS_OF_PART))
 
 
 def off(settings, delay, cutoff):
