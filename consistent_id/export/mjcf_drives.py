@@ -131,7 +131,7 @@ def delayed_drives(
         q: Matrix = np.vstack([log.position for log in known])
         lowest, highest = q.min(axis=0).tolist(), q.max(axis=0).tolist()
         reached = tuple(zip(lowest, highest, strict=True))
-    own = gains.of(len(joints))
+    own = gains.of(joints)
     return DelayedDrives(joints, own, delay, further, exceeded, reached)
 
 

@@ -243,7 +243,7 @@ def drive_limits(gains: PDGains | None, joints: Sequence[str]) -> dict[str, floa
     """Return the torque limits of drives that follow commands, [N m or N]."""
     if gains is None:
         return {}
-    limits = gains.of(len(joints)).torque_limit.tolist()
+    limits = gains.of(joints).torque_limit.tolist()
     return dict(zip(joints, limits, strict=True))
 
 

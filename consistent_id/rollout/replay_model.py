@@ -194,7 +194,7 @@ def replay_spec(
         spec = mjcf_spec.read_spec(Path(robot), mujoco)
     _strip(spec)
     hold_others(spec, joints, {} if locked is None else locked, name)
-    _drive(spec, joints, gains.of(len(joints)), mujoco)
+    _drive(spec, joints, gains.of(joints), mujoco)
     spec.option.timestep = step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     flags = mujoco.mjtDisableBit
@@ -214,7 +214,7 @@ def compiled_model(
     ModelError
         If MuJoCo refuses it, or a joint's spring.
     """
-    compiled, gains = _compiled(spec, name), gains.of(len(joints))
+    compiled, gains = _compiled(spec, name), gains.of(joints)
     if np.isfinite(gains.stiffness).any():
         add_springs(spec, compiled, joints, gains.stiffness)
         compiled = _compiled(spec, name)

@@ -64,7 +64,10 @@ def test_late_commands_are_those_of_an_earlier_time():
     [
         (lambda: PDGains(-1.0, 0.0), "kp is -1.0, expected 0 or more"),
         (lambda: PDGains(1.0, 0.0, 0.0), "torque_limit is 0.0, expected positive"),
-        (lambda: commanded(log(), PDGains(np.ones(3), 0.0)), "3 values for 2 joints"),
+        (
+            lambda: commanded(log(), PDGains(np.ones(3), 0.0)),
+            r"kp has 3 values for 2 joints \(hip, knee\); give one for all",
+        ),
         (lambda: commanded(log(), GAINS, delay=-1e-3), "expected 0 or more"),
         (
             lambda: commanded(log(position_command=None), GAINS),

@@ -13,13 +13,15 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
-from consistent_id._support.tables import brief
+from consistent_id._support.tables import brief, some_of
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording, velocities
 
 _GAINS = ("kp", "kd", "torque_limit", "stiffness")
 
 _BY_JOINT = ("scale", "encoder_bias", "compliance")
+
+_LISTED = 12  # names of joints in an error
 
 
 @brief
@@ -66,8 +68,8 @@ class PDGains:
                 raise RecordingError(f"{name} is {array}, expected {expected}")
             freeze(self, **{name: array})
 
-    def of(self, joints: int) -> "PDGains":
-        """Return the gains of so many joints, one each.
+    def of(self, joints: int | Sequence[str]) -> "PDGains":
+        """Return the gains of joints, or of so many joints, one each.
 
         Raises
         ------
@@ -122,7 +124,7 @@ def commanded(
     for what, value in (("delay", delay), ("error of the delay", delay_error)):
         if not 0.0 <= value < np.inf:
             raise RecordingError(f"{what} of commands is {value} s, expected 0 or more")
-    gains = gains.of(len(recording.joints))
+    gains = gains.of(recording.joints)
     velocity = velocities(recording)
     own = 0.5 * float(np.median(np.diff(recording.time)))
 
@@ -197,8 +199,8 @@ class DriveCalibration:
                     f"{what} of commands is {value} s, expected 0 or more"
                 )
 
-    def of(self, joints: int) -> "DriveCalibration":
-        """Return the calibration of so many joints, one value each.
+    def of(self, joints: int | Sequence[str]) -> "DriveCalibration":
+        """Return the calibration of joints, or of so many joints, one value each.
 
         Raises
         ------
@@ -223,7 +225,7 @@ class DriveCalibration:
 
         Its commands are not delayed.
         """
-        known = self.of(len(recording.joints))
+        known = self.of(recording.joints)
         bias, scale = known.encoder_bias, known.scale
         command, forward = recording.position_command, recording.torque_command
         return replace(
@@ -276,23 +278,34 @@ def stiffness_of(compliance: Vector) -> Vector:
     return np.asarray(np.divide(1.0, compliance, out=rigid, where=compliance > 0.0))
 
 
-def by_joint(holder: object, names: Sequence[str], joints: int) -> dict[str, Vector]:
+def by_joint(
+    holder: object, names: Sequence[str], joints: int | Sequence[str]
+) -> dict[str, Vector]:
     """Return arrays of a value by name, one number for each joint.
+
+    Parameters
+    ----------
+    joints : int, or sequence of str
+        Their number, or their names, which an error then lists.
 
     Raises
     ------
     RecordingError
         If there are values for another number of joints.
     """
+    if isinstance(joints, int):
+        count, listed = joints, ""
+    else:
+        count, listed = len(joints), f" ({some_of(joints, _LISTED)})"
     values = {}
     for name in names:
         array = getattr(holder, name)
-        if array.ndim and len(array) != joints:
+        if array.ndim and len(array) != count:
             raise RecordingError(
-                f"{name} has {len(array)} values for {joints} joints; give one for "
-                "all, or one each in the robot's order"
+                f"{name} has {len(array)} values for {count} joints{listed}; give one "
+                "for all, or one each in the robot's order"
             )
-        values[name] = np.broadcast_to(array, (joints,))
+        values[name] = np.broadcast_to(array, (count,))
     return values
 
 
