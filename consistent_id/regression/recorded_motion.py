@@ -126,9 +126,11 @@ def every_sample(
     if dq is None or ddq is None or tau is None:
         given = {"velocity": dq, "acceleration": ddq, "torque": tau}
         missing = [name for name, values in given.items() if values is None]
+        advice = "velocity and acceleration come from signals.differentiated(recording)"
+        if missing == ["torque"]:
+            advice = "identification needs measured torque, or currents and gains"
         raise RecordingError(
-            f"{recording.name} has no {' and no '.join(missing)}; velocity and "
-            "acceleration come from signals.differentiated(recording)"
+            f"{recording.name} has no {' and no '.join(missing)}; {advice}"
         )
     unknown = unknown_rows(model, recording)
     if unknown is not None:

@@ -184,7 +184,8 @@ def test_of_two_frames_of_a_unit_in_different_places_one_has_to_be_stated(
 def test_feet_that_swing_need_their_columns_and_the_message_says_so(folder):
     log = without(columns(folder), "contact")
     write_csv(folder / "bare.csv", log)
-    with pytest.raises(ci.RecordingError, match=r"do not stand.*--contact a_calf=COL"):
+    message = r"do not stand.*--contact a_calf=COL.*a_calf=always.*--imu"
+    with pytest.raises(ci.RecordingError, match=message):
         ci.draft_problem(folder / "robot.xml", folder / "bare.csv", base="floating")
     stated = Statement(contacts={foot: "always" for foot in FEET})
     found, _ = logs_of(folder, log, stated)

@@ -217,7 +217,8 @@ def test_a_missing_channel_is_refused_by_name(absent):
     model, log, _, _ = problem()
     channels = {name: getattr(log, name) for name in CHANNELS if name != absent}
     poor = Recording(log.joints, log.time, **channels, name="log 7")
-    with pytest.raises(RecordingError, match=f"^log 7 has no {absent};"):
+    advice = "measured torque" if absent == "torque" else "signals.differentiated"
+    with pytest.raises(RecordingError, match=f"^log 7 has no {absent};.*{advice}"):
         build_regression(model, [log, poor])
 
 

@@ -236,8 +236,10 @@ def require_standing(
             f"{file}: no column has contact flags, and feet do not stand all the "
             f"time: in {1 - share:.0%} of the samples {shown(frames)} move faster "
             f"than {SLIP} m/s against each other. Name the column of each: --contact "
-            f"{frames[0]}=COLUMN ...; for a robot that hangs or flies --contact "
-            f"none. The log has {shown(names)}"
+            f"{frames[0]}=COLUMN ..., or {frames[0]}={ALWAYS} for a foot that is "
+            "never lifted; for a robot that hangs or flies --contact none. If all "
+            "feet stood, check the place and axes of the measuring unit: --imu "
+            f"FRAME. The log has {shown(names)}"
         )
 
 
