@@ -61,6 +61,16 @@ class LinkSolid:
         """
         return float(np.linalg.norm(self.points - point, axis=1).max())
 
+    def outside(self, point: Vector) -> float:
+        """Return the distance from the hull to a point, over the hull's length.
+
+        It is zero for a point inside, and never more than the true distance.
+        """
+        around = directions()
+        along = self.points @ around.T
+        distance = (around @ point - along.max(axis=0)).max()
+        return float(max(distance, 0.0) / np.ptp(along, axis=0).max())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkBody:

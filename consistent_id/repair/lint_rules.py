@@ -26,6 +26,7 @@ RULES = {
     "structure": "The file describes one tree of links and joints, in numbers",
     "inconsistent-inertia": "Some body has this mass and inertia",
     "probable-mistake": "The inertia fits the link's shapes and its twins",
+    "centre-of-mass": "The centre of mass is within the link's shapes, or near them",
     "radius-of-gyration": "The mass is within the link's shapes, or near its joints",
     "point-mass": "A link that moves has an inertia, as simulators demand",
     "vanishing-mass": "A joint moves something that has mass",
@@ -75,6 +76,8 @@ class DescribedLink:
     joints : float, [m]
         From the centre of mass to the farthest of the joints at this link, or between
         this joint and the one before.
+    outside : float
+        From its shapes to the centre of mass, over the length of the shapes.
     """
 
     name: str
@@ -84,6 +87,7 @@ class DescribedLink:
     inertia: Matrix
     reach: float | None
     joints: float
+    outside: float = 0.0
 
     @property
     def radius(self) -> float:
@@ -100,6 +104,7 @@ class DescribedRobot:
     joint_lines: Mapping[str, int]
 
 
+_OUTSIDE = 1.0  # lengths of the shapes; some are only a part of the body
 _BEYOND_SHAPES = 1.0  # radius of gyration over the reach: no body inside has more
 _BEYOND_JOINTS = 3.0  # relative to the distance to the joints, a rough bound
 _THIN = 100.0  # [kg/m^3]; axes may cross, but few links are as thin as this
@@ -117,12 +122,23 @@ _LETTER = re.compile(r"(?<![A-Za-z])([FRBHMfrbhm]?)([LRlr])(?=[_./-]|[A-Z][a-z]|
 def all_findings(robot: DescribedRobot) -> Iterator[LintFinding]:
     """Yield the findings of every rule of this module."""
     for link in robot.links:
+        yield from _centre(link)
         yield from _radius(link)
     yield from _placeholders(robot)
     yield from _twins(robot)
     if robot.robot is not None:
         yield from _vanishing(robot, robot.robot)
         yield from _gravity(robot, robot.robot)
+
+
+def _centre(link: DescribedLink) -> Iterator[LintFinding]:
+    if link.outside > _OUTSIDE:
+        yield _warning(
+            link,
+            "centre-of-mass",
+            f"the centre of mass is {link.outside:.3g} times the length of its shapes "
+            "away from them; check that it is in m, in the link's frame",
+        )
 
 
 def _radius(link: DescribedLink) -> Iterator[LintFinding]:

@@ -152,6 +152,7 @@ def described_urdf(path: Path, root: Element) -> tuple[DescribedRobot, FileEvide
                 body.inertia,
                 None if solid is None else solid.reach(body.com),
                 max(_farthest(places, body.com), _farthest(before, np.zeros(3))),
+                0.0 if solid is None else solid.outside(body.com),
             )
         )
     try:
@@ -209,8 +210,9 @@ def described_mjcf(path: Path, root: Element) -> tuple[DescribedRobot, FileEvide
     mjcf_elements(path)  # refuses pipes, which MuJoCo would wait for
     spec, model, blind = compiled_file(path, mujoco)
     lines = _lines(root, "body")
+    known = mjcf_evidence(spec, model, blind)
     links = [
-        _link(model, b, lines.get(model.body(b).name, 1), blind)
+        _link(model, b, lines.get(model.body(b).name, 1), blind, known.solids)
         for b in range(1, model.nbody)
         if model.body_mass[b] > 0.0
     ]
@@ -219,10 +221,12 @@ def described_mjcf(path: Path, root: Element) -> tuple[DescribedRobot, FileEvide
     except ModelError:
         robot = None  # a free base, or joints that are coupled
     described = DescribedRobot(tuple(links), robot, _lines(root, "joint"))
-    return described, mjcf_evidence(spec, model, blind)
+    return described, known
 
 
-def _link(model: Any, b: int, line: int, blind: set[str]) -> DescribedLink:
+def _link(
+    model: Any, b: int, line: int, blind: set[str], solids: Mapping[str, LinkSolid]
+) -> DescribedLink:
     body, name = compiled_body(model, b), model.body(b).name or f"body{b}"
     com = np.array(model.body_ipos[b])
     geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == b]
@@ -243,6 +247,7 @@ def _link(model: Any, b: int, line: int, blind: set[str]) -> DescribedLink:
         body.central_inertia,
         max(reach) if seen else None,
         max(before, *(float(np.linalg.norm(place - com)) for place in places)),
+        solids[name].outside(com) if name in solids else 0.0,
     )
 
 

@@ -71,6 +71,31 @@ def test_mass_outside_the_shapes_is_found(linted):
     assert "line 2" in str(found)
 
 
+@pytest.mark.parametrize(("centre", "found"), [("200", True), ("0.7", False)])
+def test_a_centre_of_mass_in_millimetres_is_far_outside_of_the_shapes(
+    linted, centre, found
+):
+    """A beam from z = 0 to 0.4 m; some bodies have parts without shapes."""
+    moved = _beam("upper").replace(
+        '<origin xyz="0 0 0.2"/>', f'<origin xyz="0 0 {centre}"/>', 1
+    )
+    rules = _rules(linted(moved, effort=1e9))
+    assert ("centre-of-mass" in rules) == found
+
+
+def test_a_centre_of_mass_in_millimetres_is_found_in_mjcf(tmp_path):
+    pytest.importorskip("mujoco")
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        """<mujoco><worldbody>
+        <body name="arm"><joint axis="0 0 1"/>
+        <inertial pos="40 0 0" mass="3" diaginertia="0.0045 0.0109 0.0136"/>
+        <geom type="box" size="0.1 0.06 0.03"/></body></worldbody></mujoco>"""
+    )
+    found = [f for f in lint_robot(path) if f.rule == "centre-of-mass"]
+    assert [f.line for f in found] == [2]
+
+
 def test_a_limit_that_other_readers_demand_is_an_error_here(tmp_path, linted):
     linted()
     path = tmp_path / "arm.urdf"
