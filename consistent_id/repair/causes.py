@@ -142,12 +142,16 @@ class MeantInertial:
         About the centre of mass, in the inertial's own axes.
     price : float
         Minus the logarithm of how common the cause is beside the commonest.
+    of_file : bool
+        Whether the cause may be one of all links, such as units of a file: a twin with
+        the same digits has it, too.
     """
 
     cause: str
     mass: float
     inertia: Matrix
     price: float = 0.0
+    of_file: bool = False
 
     def same(self, other: "MeantInertial") -> bool:
         """Return whether another is the same body."""
@@ -283,6 +287,8 @@ def _cost(
 ) -> float:
     body = link.body(one)
     cost = one.price + misfit(body, solid)
+    if one.of_file:  # of a twin with the same digits, it would be undone, too
+        body = link.body(link.stated)
     agreeing = {
         name for name, t in twin_inertias(body, known) if alike(t, body.inertia)
     }
@@ -324,6 +330,9 @@ def _all(
 ) -> Iterator[MeantInertial]:
     for cause, matrix, price in _of_entries(inertia):
         yield MeantInertial(cause, mass, matrix, price)
+    for places in _UNITS:
+        wrong, price = f"the inertia is {_times(places)}", _slip_price(places)
+        yield MeantInertial(wrong, mass, _scaled(inertia, places), price, of_file=True)
     turned = axes.T @ com
     steiner = mass * (turned @ turned * np.eye(3) - np.outer(turned, turned))
     about = "the inertia was stated about the link's origin"
@@ -336,12 +345,14 @@ def _all(
     cause = "the inertia was turned by the transpose of its rotation"
     yield MeantInertial(cause, mass, transposed, 0.5)
     for places in _MASS_SLIPS:
-        cause = f"the mass is {_times(places)}"
-        yield MeantInertial(cause, shifted(mass, places), inertia, _slip_price(places))
+        cause, slipped = f"the mass is {_times(places)}", shifted(mass, places)
+        price, of_file = _slip_price(places), places == -3
+        yield MeantInertial(cause, slipped, inertia, price, of_file)
     for places in _GRAMS:
         matrix = _scaled(inertia, places)
         cause = f"the mass is in grams, the inertia {_times(places)}"
-        yield MeantInertial(cause, shifted(mass, -3), matrix, 1.0)
+        grams = shifted(mass, -3)
+        yield MeantInertial(cause, grams, matrix, 1.0, of_file=True)
 
 
 def _of_entries(inertia: Matrix) -> Iterator[tuple[str, Matrix, float]]:
@@ -366,9 +377,6 @@ def _of_entries(inertia: Matrix) -> Iterator[tuple[str, Matrix, float]]:
             matrix = inertia_matrix(list(slipped.values()))
             wrong = f"{name} is {_times(places)}"
             yield wrong, matrix, 0.5 + _slip_price(places)
-    for places in _UNITS:
-        wrong = f"the inertia is {_times(places)}"
-        yield wrong, _scaled(inertia, places), _slip_price(places)
     for wrong, order, price in _ORDERS:
         yield wrong, inertia_matrix([values[k] for k in order]), price
     yield from _swapped(entries)

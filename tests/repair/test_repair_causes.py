@@ -136,6 +136,30 @@ def test_units_of_a_consistent_inertia_are_doubted_and_left_alone(repaired):
     assert np.allclose(sorted(chosen.after), sorted(moments * 1e-6), rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("mass", "scale", "word"),
+    [
+        (2.0, 1e6, "the inertia is 1e+06 times too large"),
+        (2000.0, 1.0, "the mass is 1000 times too large"),
+        (2000.0, 1e9, "the mass is in grams, the inertia 1e+09 times too large"),
+        (2.0, 1.0, ""),
+    ],
+)
+def test_units_of_a_whole_file_are_doubted_though_twins_agree(
+    repaired, mass, scale, word
+):
+    """Two bricks of 2 kg, on the left and on the right, and one in the middle."""
+    sides = np.array([0.1, 0.2, 0.3])
+    I = 2.0 / 12.0 * (sides @ sides - sides**2) * scale  # noqa: E741
+    bricks = [
+        _link(name, mass, com, (I[0], 0, 0, I[1], 0, I[2]), shape=_box(*sides, com=com))
+        for name, com in [("a", "0 0.3 0.1"), ("b", "0 -0.3 0.1"), ("c", "0 0 0.2")]
+    ]
+    doubtful = repaired(*bricks).doubtful
+    assert [link.link for link in doubtful] == (["a", "b", "c"] if word else [])
+    assert all(word in link.remedy for link in doubtful)
+
+
 @pytest.mark.slow
 def test_the_mistakes_undo_what_they_name():
     rng = np.random.default_rng(0)
