@@ -31,7 +31,8 @@ from consistent_id.robot.inertia import (
 from consistent_id.robot.model import Joint, Link
 from consistent_id.robot.parameters import did_you_mean
 
-_THIN = 1e-2  # least eigenvalue of a likely load's pseudo-inertia, over the largest
+_THIN = 1e-2  # least second moment of a likely load about its centre, over the largest
+_RADIUS = 0.01  # m; its least size, where no second moment is positive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,12 +200,21 @@ class LoadedRobot:
 
 
 def likely_body(vector: Vector) -> InertialParameters | None:
-    """Return a body near the least-squares estimate of a load, if it has a mass."""
-    if vector[0] <= 0.0:
+    """Return a body near the least-squares estimate of a load, if it has a mass.
+
+    Mass and centre of mass stay.  Second moments about the centre are raised where they
+    are too small for a body: masses and second moments have different units, so that
+    the size of one says nothing about the other.
+    """
+    mass = vector[0]
+    if mass <= 0.0:
         return None
-    values, axes = np.linalg.eigh(pseudo_inertia(vector))
-    raised = np.maximum(values, _THIN * values[-1])
-    return InertialParameters(inertial_vector((axes * raised) @ axes.T))
+    J = pseudo_inertia(vector)
+    of_centre = np.outer(J[:3, 3], J[:3, 3]) / mass
+    values, axes = np.linalg.eigh(J[:3, :3] - of_centre)
+    raised = np.maximum(values, max(_THIN * values[-1], mass * _RADIUS**2))
+    J[:3, :3] = (axes * raised) @ axes.T + of_centre
+    return InertialParameters(inertial_vector(J))
 
 
 def loaded_robot(

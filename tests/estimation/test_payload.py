@@ -186,15 +186,22 @@ def test_a_known_mass_is_kept_and_sharpens_the_rest():
     assert np.linalg.norm(residual) < 0.08 * np.linalg.norm(loaded.torque)
 
 
-def test_a_likely_body_is_the_estimate_if_that_is_a_body_and_the_nearest_else():
-    body = InertialParameters.from_central(
-        2.0, np.array([0.1, 0.0, 0.2]), np.diag([0.2, 0.25, 0.3])
-    )
+@pytest.mark.parametrize("size", [0.04, 0.4])
+def test_a_likely_body_is_the_estimate_if_that_is_a_body(size):
+    inertia = size**2 * np.diag([1.0, 1.25, 1.5])
+    body = InertialParameters.from_central(2.0, np.array([0.1, 0.0, 0.2]), inertia)
     np.testing.assert_allclose(likely_body(body.vector).vector, body.vector, atol=1e-12)
-    # A mass of 1 kg, second moments of -0.1, 0.2, 0.3 kg m^2: the first becomes 0.01.
+
+
+def test_a_likely_body_has_mass_and_centre_of_the_estimate_and_possible_moments():
+    # A mass of 1 kg, second moments of -0.1, 0.2, 0.3 kg m^2: the first becomes 0.003.
     impossible = np.array([1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.2, 0.0, 0.0, 0.1])
-    possible = np.array([1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.31, 0.0, 0.0, 0.21])
+    possible = np.array([1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.303, 0.0, 0.0, 0.203])
     np.testing.assert_allclose(likely_body(impossible).vector, possible, atol=1e-12)
+    # None is positive: 1 cm in all directions.
+    point = likely_body(np.array([4.0, 0.0, 0.0, 0.8, *np.zeros(6)]))
+    np.testing.assert_allclose(point.com, [0.0, 0.0, 0.2], atol=1e-12)
+    np.testing.assert_allclose(point.central_inertia, 8e-4 * np.eye(3), atol=1e-12)
     assert likely_body(np.zeros(10)) is None
 
 
