@@ -19,10 +19,11 @@ from consistent_id._support.arrays import (
     Matrix,
     Vector,
 )
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.export.export_formats import Export
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, several
 from consistent_id.service.contact_c import DetectorValues, detector_c
 from consistent_id.service.residual_spread import (
     SLACK,
@@ -147,7 +148,7 @@ class ContactDetector:
     @classmethod
     def fit(
         cls,
-        logs: Sequence[Recording],
+        logs: Recording | Sequence[Recording],
         *,
         free: Sequence[ArrayLike] | None = None,
         false_alarms: float = 1.0,
@@ -161,7 +162,7 @@ class ContactDetector:
 
         Parameters
         ----------
-        logs : sequence of Recording
+        logs : Recording or sequence of Recording
             Their `torque` is torque from outside (`MomentumObserver.along`), or, of an
             arm that holds its pose, measured torque.  Velocity, acceleration and the
             model's torque (`torque_command`) make the threshold depend on the motion;
@@ -183,6 +184,7 @@ class ContactDetector:
         ProblemError
             If logs have other joints or no torque, or too little of them is free.
         """
+        logs = several(logs)
         if not logs:
             raise ProblemError("no log, expected one in which nothing touches the arm")
         newest, oldest = memory
@@ -308,6 +310,7 @@ class ContactDetector:
         RecordingError
             If a joint is missing.
         """
+        require_type(log, Recording, "log")
         log = log.of(self.joints)
         part, known = compared(log, self.spread.signals, self.memory)
         n = len(self.joints)

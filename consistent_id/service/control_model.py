@@ -248,8 +248,14 @@ class ControlModel:
             array = np.asarray(values, dtype=np.float64)
         except (TypeError, ValueError) as cause:
             raise ProblemError(f"the state: {cause}, {expected}") from None
-        if array.ndim == 0 or array.shape[-1] != n or not np.isfinite(array).all():
+        if array.ndim == 0 or array.shape[-1] != n:
             raise ProblemError(f"the state has shape {array.shape}, {expected}")
+        if not (finite := np.isfinite(array)).all():
+            *sample, joint = np.argwhere(~finite)[0].tolist()
+            value = array[*sample, joint]
+            raise ProblemError(
+                f"the state of {self.joints[joint]} is {value}, {expected}"
+            )
         return np.asarray(array)
 
 

@@ -175,6 +175,7 @@ class MomentumObserver:
         RecordingError
             If a joint is not in the log.
         """
+        require_type(recording, Recording, "recording")
         log = recording.of(self.control.joints)
         if log.velocity is None or log.torque is None:
             raise ProblemError(

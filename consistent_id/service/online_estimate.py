@@ -14,6 +14,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, freeze
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.given_values import require_type
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import Certificate, Optimality
@@ -298,6 +299,7 @@ class OnlineEstimate:
         self, state: OnlineState | None, block: Recording
     ) -> tuple[Recording | None, Recording | None]:
         """Return the samples to learn from, and those that wait for others."""
+        require_type(block, Recording, "samples")
         log = block.of(self.estimate.model.robot.joint_names)
         if log.acceleration is not None:
             return log, None

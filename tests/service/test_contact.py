@@ -171,6 +171,18 @@ def test_uneven_stamps_count_as_the_time_that_they_take():
 
 
 @pytest.mark.slow
+def test_one_log_is_as_good_as_a_list_and_a_path_is_none(detector):
+    log = noise(60.0, 13)
+    one, listed = ContactDetector.fit(log), ContactDetector.fit([log])
+    assert one.limit == listed.limit
+    for refused in (ContactDetector.fit, detector.along):
+        with pytest.raises(
+            ProblemError, match=r"a str, expected.*read_recording\('free"
+        ):
+            refused("free.csv")
+
+
+@pytest.mark.slow
 def test_what_cannot_be_learned_is_refused(detector):
     log = noise(60.0, 13)
     with pytest.raises(ProblemError, match="no log"):

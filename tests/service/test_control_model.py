@@ -300,6 +300,8 @@ def test_what_cannot_be_computed_is_refused():
         ([[1.0], [2.0, 3.0]], "inhomogeneous"),
         (np.full(JOINTS, 1j), "complex numbers"),
         (None, r"shape \(\)"),
+        ([[0.0] * JOINTS, [np.nan] * JOINTS], "the state of .* is nan"),
+        ([-np.inf] * JOINTS, "the state of .* is -inf"),
     ],
 )
 def test_a_state_that_is_no_array_of_numbers_is_refused(wrong, why):

@@ -89,6 +89,8 @@ def test_wrong_input_is_refused():
     still = Recording(log.joints, log.time, log.position)
     with pytest.raises(ProblemError, match="needs velocity and torque"):
         observer.along(still)
+    with pytest.raises(ProblemError, match=r"recording: a str.*read_recording\('free"):
+        observer.along("free.csv")
     with pytest.raises(ProblemError, match="eigenvalue"):
         observer.place(np.zeros(6), np.zeros(6), np.zeros((6, 6)))
 

@@ -421,6 +421,13 @@ def test_numbers_that_would_stop_it_in_silence_are_refused(estimate, wrong):
         OnlineEstimate(estimate, **wrong)
 
 
+def test_a_path_is_no_block(estimate):
+    online = OnlineEstimate(estimate)
+    for refused in (online.along, lambda log: online.follow(online.start(), log)):
+        with pytest.raises(ci.ProblemError, match=r"samples: a str.*read_recording"):
+            refused("service.csv")
+
+
 def test_a_delay_beyond_the_window_is_refused(estimate):
     # A polynomial outside its samples says nothing.
     raw = replace(log(1, seconds=0.5), velocity=None, acceleration=None)
