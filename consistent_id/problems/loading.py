@@ -238,8 +238,8 @@ def require_distinct(names: Sequence[str]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ProblemError(
-                f"two problems of the folder are named {name!r}; results are "
-                "filed under their names"
+                f"{names.count(name)} problems are named {name!r}, under which results "
+                "are filed; give each a name of its own: name = ... in its file"
             )
 
 
