@@ -50,6 +50,7 @@ class ContactPlace:
         possible.
     strengths : tuple of float, [N]
         95 % interval of `strength`: from zero to infinity if no direction is known.
+        With open directions it is the known part's; the whole force may be larger.
     open_directions : ndarray, shape (directions, 3)
         Unit vectors along which a force at the point causes no torque; the force along
         them is not known and given as zero.
