@@ -68,7 +68,9 @@ def test_where_one_problem_is_asked_for_the_choice_is_named(cell):
     with pytest.raises(ProblemError, match=r"3 problems: left.toml, right.toml, old/"):
         load_problem(cell)
     (cell / "old" / "problem.toml").write_text(_text("left", 0.1))
-    with pytest.raises(ProblemError, match=r"2 problems are named 'left'.*name = \.\.\."):
+    with pytest.raises(
+        ProblemError, match=r"2 problems are named 'left'.*name = \.\.\."
+    ):
         load_problems(cell)
 
 
