@@ -15,6 +15,7 @@ from consistent_id.estimation.judgement import MISFIT_CARE, MISFIT_REFUSED
 from consistent_id.estimation.payload import Payload, identify_payload
 from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
 from consistent_id.problems.problem import Problem, require_problem
+from consistent_id.recordings.column_words import is_current
 from consistent_id.regression.torque_along import measured_torque
 from consistent_id.robot.model import Datasheet, FixedFrame, Link
 from consistent_id.service.controller_formats import ControllerLoad, require_load_name
@@ -407,9 +408,21 @@ def _reasons(
 def _of_assumed_gains(
     problem: Problem, found: _Estimated, gain_errors: ArrayLike
 ) -> Iterator[Reason]:
-    """Doubt gains taken from the model's bodies, unless a known mass tested them."""
+    """Doubt gains that nobody measured, unless a known mass tested them."""
     data = problem.table.data
-    if data is None or data.gain_source == "drives" or found.gains is not None:
+    if data is None or found.gains is not None:
+        return
+    torque = None if data.columns is None else data.columns.torque
+    if data.gain_source == "drives":
+        if is_current(torque or "") and np.all(np.equal(data.torque_gain, 1.0)):
+            yield Reason(
+                "assumed gains",
+                "use with care",
+                f"torque is read from {torque}, whose name denotes a current, with the "
+                "gain 1: the load is right only if these columns are torques in N m",
+                "if they are amperes, find the gains by a load of known mass first: "
+                "consistent-id gains",
+            )
         return
     ignored = "" if np.any(gain_errors) else ", and the intervals ignore their errors"
     errors = "" if np.any(gain_errors) else "state their errors (--gain-errors 5), or "

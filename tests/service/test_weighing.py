@@ -4,8 +4,10 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import carrying
+import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -25,6 +27,7 @@ from consistent_id.constraints import FixedParameters
 from consistent_id.service import weigh_load
 from consistent_id.service.load_quantities import reasons_of_mass
 from consistent_id.service.loaded_runs import LoadedRuns
+from consistent_id.service.weighing import _of_assumed_gains
 
 PLAIN = {"select": False, "cutoff": 8.0}
 WORDS = ["--no-select", "--cutoff", "8"]
@@ -224,6 +227,28 @@ def test_gains_of_the_models_bodies_are_doubted_until_a_known_mass_tests_them(fi
     assert "--gain-errors" in reason.advice
     tested = weigh_load(assumed, files["loaded"], link="flange", known_mass=LOAD.mass)
     assert "assumed gains" not in {r.kind for r in tested.verdict.reasons}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("column", "gain", "doubted"),
+    [
+        ("current_{joint}", [1.0] * 4, True),
+        ("current_{joint}", 1.0, True),
+        ("current_{joint}", [1.0, 1.0, 2.0, 1.0], False),
+        ("tau_{joint}", 1.0, False),
+    ],
+)
+def test_currents_with_the_gain_1_are_doubted(problem, column, gain, doubted):
+    data = problem.table.data
+    columns = msgspec.structs.replace(data.columns, torque=column)
+    data = msgspec.structs.replace(data, columns=columns, torque_gain=gain)
+    stated = replace(problem, table=msgspec.structs.replace(problem.table, data=data))
+    reasons = list(_of_assumed_gains(stated, SimpleNamespace(gains=None), 0.0))
+    assert [reason.kind for reason in reasons] == ["assumed gains"] * doubted
+    assert all("consistent-id gains" in reason.advice for reason in reasons)
+    tested = SimpleNamespace(gains="of a known mass")
+    assert not list(_of_assumed_gains(stated, tested, 0.0))
 
 
 def test_frames_that_make_no_sense_are_refused(problem, files):
