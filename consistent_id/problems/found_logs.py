@@ -217,7 +217,8 @@ def found_logs(
     gains_of(stated.torque_gain, len(robot.joint_names))
     kept = (f"{path} stands for a table in memory" for path in tables)
     said = () if log in tables else log_format(log).notes(log)
-    said += locked_notes(log, guess, known, stated.locked or {}, tables.get(log))
+    every = partial(_loaded, model, replace(stated, locked=None))
+    said += locked_notes(log, guess, known, stated.locked or {}, tables.get(log), every)
     found, notes = guess.columns, (*said, *guess.notes, *kept, *[felt] * bool(felt))
     if floating is not None:
         found = replace(found, beside=floating.beside)

@@ -1,10 +1,11 @@
 """Joints that a log locks by what it lacks, or the user by a statement, and move.
 
 A joint without a column of the position is locked.  A joint that moves in the log is
-then another robot: its column was forgotten, or the statement is wrong.
+then another robot: its column was forgotten, or the statement is wrong.  A light one,
+such as a gripper, may be stated to be locked.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,10 @@ from consistent_id.recordings.readers import Columns, read_recording, recording_
 from consistent_id.recordings.readers.columns import wanted
 from consistent_id.recordings.readers.data_frames import ColumnTable
 from consistent_id.recordings.readers.recording_file import column_names
+from consistent_id.robot.model import RobotModel
 
 _MOVES = 0.05  # rad or m; play and creep of a locked joint are below
+_LIGHT = 0.1  # of the robot's mass: what a locked joint may move
 
 
 def require_positions(log: Path, guess: ColumnGuess, known: KnownColumns) -> None:
@@ -73,9 +76,12 @@ def locked_notes(
     guess: ColumnGuess,
     known: KnownColumns,
     locked: Mapping[str, float],
-    table: ColumnTable | None = None,
+    table: ColumnTable | None,
+    unlocked: Callable[[], RobotModel],
 ) -> tuple[str, ...]:
     """Return notes on joints that are locked elsewhere than they stand in a log.
+
+    A joint that moves is noted, too, if it moves little of the robot's mass.
 
     Parameters
     ----------
@@ -87,11 +93,14 @@ def locked_notes(
         Joints that the user locked, and their positions [rad or m].
     table : ColumnTable, optional
         The log, if it is in memory.
+    unlocked : callable
+        Returns the robot with all of its joints.
 
     Raises
     ------
     RecordingError
-        If a locked joint moves in the log; with its travel.
+        If a locked joint moves in the log, and a tenth of the robot's mass with it;
+        with its travel.
     """
     names, notes = _names(log, known), list[str]()
     for joint, stated in locked.items():
@@ -104,18 +113,46 @@ def locked_notes(
             continue
         travel, place = float(np.ptp(position)), float(np.median(position))
         if travel > _MOVES:
-            raise RecordingError(
-                f"--lock {joint}: {joint} moves by {travel:.3g} rad or m in {log} "
-                f"(column {column}); a locked joint may move by {_MOVES:g} at most. "
-                f"Leave --lock {joint} out, or write the rows in which it stands still "
-                "into a log of their own"
+            share = _moved_share(unlocked(), joint)
+            if share is None or share > _LIGHT:
+                raise _moving(log, joint, column, travel, share)
+            notes.append(
+                f"{joint} is locked at {stated:g} rad or m, as stated, but moves by "
+                f"{travel:.3g} in {log.name} (column {column}): the motion of its "
+                f"{share:.0%} of the robot's mass counts as that of the others"
             )
+            continue
         if abs(place - stated) > _MOVES:
             notes.append(
                 f"{joint} is locked at {stated:g} rad or m, as stated, but stands at "
                 f"{place:.3g} in {log.name}: --lock {joint}={place:.3g}"
             )
     return tuple(notes)
+
+
+def _moving(
+    log: Path, joint: str, column: str, travel: float, share: float | None
+) -> RecordingError:
+    mass = "an unknown share" if share is None else f"{share:.0%}"
+    return RecordingError(
+        f"--lock {joint}: {joint} moves by {travel:.3g} rad or m in {log} (column "
+        f"{column}), and {mass} of the robot's mass with it; a locked joint may move "
+        f"by {_MOVES:g} at most, or {_LIGHT:.0%} of the mass. Leave --lock {joint} "
+        "out, or write the rows in which it stands still into a log of their own"
+    )
+
+
+def _moved_share(robot: RobotModel, joint: str) -> float | None:
+    """Return the share of the robot's mass that a joint moves; None if not known."""
+    known = robot.nominal
+    if known is None or joint not in robot.joint_names:
+        return None
+    masses = known.reshape(-1, 10)[:, 0]
+    moved = np.array([one.name == joint for one in robot.joints])
+    for k, one in enumerate(robot.joints):
+        moved[k] |= one.parent >= 0 and moved[one.parent]
+    whole = float(masses.sum())
+    return float(masses[moved].sum()) / whole if whole > 0.0 else None
 
 
 def _names(log: Path, known: KnownColumns) -> Sequence[str]:

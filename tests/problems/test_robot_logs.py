@@ -1,5 +1,7 @@
 """Which joints a log may have that has fewer than the robot."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -127,8 +129,35 @@ def test_a_joint_without_any_column_is_locked(tmp_path):
 
 def test_a_locked_joint_that_moves_in_the_log_is_refused(tmp_path):
     files = _named(tmp_path, ["q_rail", "tau_rail"], rail=0.3)
-    with pytest.raises(RecordingError, match=r"rail moves by 0\.6 rad or m .*q_rail"):
+    said = (
+        r"rail moves by 0\.6 rad or m .*q_rail\), and 100% of the robot's mass with it"
+    )
+    with pytest.raises(RecordingError, match=said):
         robot_logs(*files, Statement(locked={"rail": 0.0}))
+
+
+@pytest.mark.parametrize(("mass", "light"), [(0.05, True), (1.0, False)])
+def test_a_light_joint_may_be_locked_though_it_moves(tmp_path, mass, light):
+    robot, log = _named(tmp_path, ["q_rail"], rail=0.3)
+    text = log.read_text().replace("q_rail", "q_tool")
+    log.write_text(text)
+    tool = (
+        f'<link name="tip"><inertial><mass value="{mass}"/><inertia ixx="1e-4" '
+        'iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="tool" type="revolute"><parent link="PARENT"/><child link="tip"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
+        "</joint>"
+    )
+    names = re.findall(r'<child link="(\w+)"', robot.read_text())
+    urdf = robot.read_text().replace("</robot>", f"{tool}</robot>")
+    robot.write_text(urdf.replace("PARENT", names[-1]))
+    stated = Statement(locked={"rail": 0.0, "tool": 0.0})
+    if light:
+        notes = robot_logs(robot, log, stated).notes
+        assert any("tool is locked at 0 rad or m" in note for note in notes)
+    else:
+        with pytest.raises(RecordingError, match="and 14% of the robot's mass with it"):
+            robot_logs(robot, log, stated)
 
 
 def test_a_locked_joint_that_stands_elsewhere_is_noted(tmp_path):
