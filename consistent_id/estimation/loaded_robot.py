@@ -32,7 +32,8 @@ from consistent_id.robot.model import Joint, Link
 from consistent_id.robot.parameters import did_you_mean
 
 _THIN = 1e-2  # least second moment of a likely load about its centre, over the largest
-_RADIUS = 0.01  # m; its least size, where no second moment is positive
+_RADIUS = 0.01  # m; its least size
+_FARTHEST = 1.0  # m; beyond, a centre is that of a mass which is nearly zero by chance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,14 +201,14 @@ class LoadedRobot:
 
 
 def likely_body(vector: Vector) -> InertialParameters | None:
-    """Return a body near the least-squares estimate of a load, if it has a mass.
+    """Return a body near the least-squares estimate of a load, if it may be one.
 
     Mass and centre of mass stay.  Second moments about the centre are raised where they
     are too small for a body: masses and second moments have different units, so that
     the size of one says nothing about the other.
     """
     mass = vector[0]
-    if mass <= 0.0:
+    if mass <= 0.0 or np.linalg.norm(vector[1:4]) > _FARTHEST * mass:
         return None
     J = pseudo_inertia(vector)
     of_centre = np.outer(J[:3, 3], J[:3, 3]) / mass

@@ -102,7 +102,7 @@ def locked_notes(
         If a locked joint moves in the log, and a tenth of the robot's mass with it;
         with its travel.
     """
-    names, notes = _names(log, known), list[str]()
+    names, notes, moving = _names(log, known), list[str](), list[str]()
     for joint, stated in locked.items():
         column = _locked_column(joint, log, names, guess, known)
         if column is None:
@@ -113,12 +113,13 @@ def locked_notes(
             continue
         travel, place = float(np.ptp(position)), float(np.median(position))
         if travel > _MOVES:
-            share = _moved_share(unlocked(), joint)
+            moving.append(joint)
+            share = _moved_share(unlocked(), moving)
             if share is None or share > _LIGHT:
-                raise _moving(log, joint, column, travel, share)
+                raise _moving(log, moving, column, travel, share)
             notes.append(
                 f"{joint} is locked at {stated:g} rad or m, as stated, but moves by "
-                f"{travel:.3g} in {log.name} (column {column}): the motion of its "
+                f"{travel:.3g} in {log.name} (column {column}); the motion of "
                 f"{share:.0%} of the robot's mass counts as that of the others"
             )
             continue
@@ -131,24 +132,26 @@ def locked_notes(
 
 
 def _moving(
-    log: Path, joint: str, column: str, travel: float, share: float | None
+    log: Path, joints: Sequence[str], column: str, travel: float, share: float | None
 ) -> RecordingError:
+    *others, joint = joints
     mass = "an unknown share" if share is None else f"{share:.0%}"
+    also = f" and {some_of(others)}, which move, too" if others else ""
     return RecordingError(
         f"--lock {joint}: {joint} moves by {travel:.3g} rad or m in {log} (column "
-        f"{column}), and {mass} of the robot's mass with it; a locked joint may move "
-        f"by {_MOVES:g} at most, or {_LIGHT:.0%} of the mass. Leave --lock {joint} "
-        "out, or write the rows in which it stands still into a log of their own"
+        f"{column}), and {mass} of the robot's mass with it{also}; locked joints may "
+        f"move by {_MOVES:g} at most, or {_LIGHT:.0%} of the mass. Leave it out of "
+        "--lock, or write the rows in which it stands still into a log of their own"
     )
 
 
-def _moved_share(robot: RobotModel, joint: str) -> float | None:
-    """Return the share of the robot's mass that a joint moves; None if not known."""
+def _moved_share(robot: RobotModel, joints: Sequence[str]) -> float | None:
+    """Return the share of the robot's mass that joints move; None if not known."""
     known = robot.nominal
-    if known is None or joint not in robot.joint_names:
+    if known is None or not set(joints) <= set(robot.joint_names):
         return None
     masses = known.reshape(-1, 10)[:, 0]
-    moved = np.array([one.name == joint for one in robot.joints])
+    moved = np.array([one.name in joints for one in robot.joints])
     for k, one in enumerate(robot.joints):
         moved[k] |= one.parent >= 0 and moved[one.parent]
     whole = float(masses.sum())

@@ -115,8 +115,8 @@ _ISOTROPIC = 1e-9
 
 _SLIPS = (-1, 1, -3, 3, -2, 2, -6, 6)  # powers of ten of one entry
 _MASS_SLIPS = (-1, 1, -3, 3, -2, 2)
-# kg mm^2, kg cm^2, g m^2, g cm^2, g mm^2, and slips of all entries.
-_UNITS = (-6, -4, -3, -7, -9, 3, -1, 1, -2, 2)
+_UNITS = (-6, -4, -3, -7, -9)  # kg mm^2, kg cm^2, g m^2, g cm^2, g mm^2
+_SLIPS_OF_ALL = (3, -1, 1, -2, 2)  # of all entries
 _GRAMS = (-3, -7, -9)  # of the inertia beside a mass in grams
 _SAME = 1e-9  # of the largest entry
 
@@ -330,9 +330,10 @@ def _all(
 ) -> Iterator[MeantInertial]:
     for cause, matrix, price in _of_entries(inertia):
         yield MeantInertial(cause, mass, matrix, price)
-    for places in _UNITS:
+    for places in (*_UNITS, *_SLIPS_OF_ALL):
         wrong, price = f"the inertia is {_times(places)}", _slip_price(places)
-        yield MeantInertial(wrong, mass, _scaled(inertia, places), price, of_file=True)
+        of_file = places in _UNITS
+        yield MeantInertial(wrong, mass, _scaled(inertia, places), price, of_file)
     turned = axes.T @ com
     steiner = mass * (turned @ turned * np.eye(3) - np.outer(turned, turned))
     about = "the inertia was stated about the link's origin"

@@ -85,7 +85,7 @@ class Rollout:
     def _mostly(self, model: str) -> str:
         """Return the joint that has most of a model's squared error, if one has."""
         replays = self.replays[model]
-        squares = np.mean([r.rmse**2 for r in replays], axis=0)
+        squares = (np.vstack([r.errors for r in replays]) ** 2).mean(axis=0)
         worst, joints = int(squares.argmax()), replays[0].log.joints
         if len(joints) < 3 or squares[worst] <= _MOST * squares.sum():
             return ""

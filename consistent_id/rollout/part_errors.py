@@ -17,11 +17,13 @@ from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
 from consistent_id.rollout.delay_search import student
 from consistent_id.rollout.motion_parts import Spans, within
-from consistent_id.rollout.refine import LEAST_LEVEL
 from consistent_id.rollout.replay_model import SEARCH_STEP
 from consistent_id.rollout.settings import compared_fit, replay_errors
 
 BLOCKS_OF_PART = 4  # whose scatter is the error of the delay
+
+LEAST_LEVEL = 0.05
+"""Least level of a joint, over the median one: no joint's weight runs away."""
 
 
 def squares_of_part(problem: Problem, learnt: Spans, other: Spans) -> Matrix:
@@ -77,7 +79,7 @@ def joint_weights(squares: Matrix) -> Vector:
     """Return weights by which all joints have equal shares of a sum of squares.
 
     The sum itself stays as it is.  A joint that hardly moves has no more weight than
-    one with `LEAST_LEVEL` of the largest error.  Weights are 1 if a motion diverges.
+    one with `LEAST_LEVEL` of the median error.  Weights are 1 if a motion diverges.
 
     Parameters
     ----------
@@ -90,7 +92,9 @@ def joint_weights(squares: Matrix) -> Vector:
     of_joint = squares.sum(axis=0)
     if not np.isfinite(of_joint).all() or not of_joint.any():
         return np.ones(len(of_joint))
-    level = np.maximum(of_joint, LEAST_LEVEL**2 * of_joint.max())
+    moving = np.sort(of_joint[of_joint > 0.0])
+    middle = moving[(len(moving) - 1) // 2]
+    level = np.maximum(of_joint, LEAST_LEVEL**2 * middle)
     return np.asarray(of_joint.sum() / (of_joint / level).sum() / level)
 
 

@@ -170,8 +170,8 @@ class ProblemRollout:
             "springs [N m/rad]": self._springs(),
         }
         notes = [
-            f"error on the other part {1e3 * choice.error:.2f} mrad (mm), the best of "
-            f"{len(choice.tried)}, with each joint's error over its level"
+            f"error on the other part {1e3 * choice.error:.2f} mrad (mm); of "
+            f"{len(choice.tried)} settings, these are the best with joints alike"
         ]
         if choice.delay is not None:
             rested = without_rests(self.problem, s)
@@ -204,15 +204,14 @@ class ProblemRollout:
         if choice.reason is not None:
             title = f"Refinement by rollout is not possible: {choice.reason}"
             return Table(title, (), (), ())
-        steps = [e for ridge, e in choice.errors.items() if ridge is not None]
+        steps = {r: e for r, e in choice.errors.items() if r is not None}
+        what, step = "taken", steps.get(choice.ridge or 0.0, min(steps.values()))
+        if choice.ridge is None:
+            what = "not taken: by joint, it predicts a part worse, or none better"
         plain, least = (
             f"{1e3 * error:.2f} mrad (mm)" if np.isfinite(error) else "infinite"
-            for error in (choice.errors[None], min(steps))
+            for error in (choice.errors[None], step)
         )
-        lost = "one part" if min(steps) < choice.errors[None] else "the parts"
-        what = "taken"
-        if choice.ridge is None:
-            what = f"not taken: it predicts {lost} worse"
         title = (
             f"Refinement by rollout is {what}; error on the other part {plain} "
             f"without, {least} with one step"
@@ -225,7 +224,7 @@ class ProblemRollout:
         )
         note = (
             f"refined from the torque fit with a cut-off of {choice.cutoff:g} Hz, the "
-            "lowest with which the error on the other part is not significantly larger "
+            "lowest with which the other part's error, by joint, is not surely larger "
             f"than with {next(iter(choice.cutoffs)):g} Hz: {errors}"
         )
         return Table(title, (), (), (note,))

@@ -45,9 +45,7 @@ STEPS = 3
 RIDGE = 0.1
 """Weight of the torque fit beside the rollouts; see `benchmarks/rollout.py`."""
 
-LEAST_LEVEL = 0.05
-"""Least level of a joint, over the largest of all: no joint's weight runs away."""
-
+_LEAST = 0.05  # of the largest joint's error: no joint's weight runs away
 _HALVINGS = 3  # of a step that makes the error larger
 _ENOUGH = 0.002  # relative gain of a step, below which there is no other
 _SAME = 1e-9  # relative effect below which parameters have the same one
@@ -194,7 +192,7 @@ def refinement_start(
     x = np.array(estimate.parameters)
     linear = replays.linearised(x, delay, free, changes)
     level = np.sqrt((linear.errors**2).mean(axis=1))
-    level = np.maximum(level, LEAST_LEVEL * level.max())
+    level = np.maximum(level, _LEAST * level.max())
     return RefinementStart(
         estimate,
         regression,

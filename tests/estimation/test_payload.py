@@ -193,6 +193,13 @@ def test_a_likely_body_is_the_estimate_if_that_is_a_body(size):
     np.testing.assert_allclose(likely_body(body.vector).vector, body.vector, atol=1e-12)
 
 
+@pytest.mark.parametrize("mass", [-1.0, 0.0, 0.01])
+def test_a_mass_that_is_zero_by_chance_is_no_likely_body(mass):
+    vector = InertialParameters.from_central(1.0, [0.03, 0.02, 0.05], np.eye(3)).vector
+    assert likely_body(vector) is not None
+    assert likely_body(np.array([mass, *vector[1:]])) is None
+
+
 def test_a_likely_body_has_mass_and_centre_of_the_estimate_and_possible_moments():
     # A mass of 1 kg, second moments of -0.1, 0.2, 0.3 kg m^2: the first becomes 0.003.
     impossible = np.array([1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.2, 0.0, 0.0, 0.1])

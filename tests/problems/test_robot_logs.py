@@ -136,28 +136,38 @@ def test_a_locked_joint_that_moves_in_the_log_is_refused(tmp_path):
         robot_logs(*files, Statement(locked={"rail": 0.0}))
 
 
-@pytest.mark.parametrize(("mass", "light"), [(0.05, True), (1.0, False)])
-def test_a_light_joint_may_be_locked_though_it_moves(tmp_path, mass, light):
-    robot, log = _named(tmp_path, ["q_rail"], rail=0.3)
-    text = log.read_text().replace("q_rail", "q_tool")
-    log.write_text(text)
-    tool = (
-        f'<link name="tip"><inertial><mass value="{mass}"/><inertia ixx="1e-4" '
+@pytest.mark.parametrize(
+    ("masses", "refused"),
+    [
+        ([0.05], ""),
+        ([1.0], "joint0 moves .* and 14% of the robot's mass with it; "),
+        ([0.4, 0.4], "joint1 moves .* and 12% of .* with it and joint0, which move, "),
+    ],
+)
+def test_light_joints_may_be_locked_though_they_move(tmp_path, masses, refused):
+    t, q, torque = _torque_of_the_arm()
+    swings = [0.3 * np.sin(t)] * len(masses)
+    names = [f"joint{k}" for k in range(len(masses))]
+    header = ",".join(["time,q_a,q_b,tau_a,tau_b", *(f"q_{name}" for name in names)])
+    table = np.column_stack([t, q, torque, *swings])
+    robot, log = _arm_on_a_rail(tmp_path, header, table)
+    last = re.findall(r'<child link="(\w+)"', robot.read_text())[-1]
+    fingers = "".join(
+        f'<link name="of_{name}"><inertial><mass value="{mass}"/><inertia ixx="1e-4" '
         'iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        '<joint name="tool" type="revolute"><parent link="PARENT"/><child link="tip"/>'
-        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
-        "</joint>"
+        f'<joint name="{name}" type="revolute"><parent link="{last}"/>'
+        f'<child link="of_{name}"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for name, mass in zip(names, masses, strict=True)
     )
-    names = re.findall(r'<child link="(\w+)"', robot.read_text())
-    urdf = robot.read_text().replace("</robot>", f"{tool}</robot>")
-    robot.write_text(urdf.replace("PARENT", names[-1]))
-    stated = Statement(locked={"rail": 0.0, "tool": 0.0})
-    if light:
-        notes = robot_logs(robot, log, stated).notes
-        assert any("tool is locked at 0 rad or m" in note for note in notes)
-    else:
-        with pytest.raises(RecordingError, match="and 14% of the robot's mass with it"):
+    robot.write_text(robot.read_text().replace("</robot>", f"{fingers}</robot>"))
+    stated = Statement(locked=dict.fromkeys(["rail", *names], 0.0))
+    if refused:
+        with pytest.raises(RecordingError, match=refused):
             robot_logs(robot, log, stated)
+    else:
+        notes = robot_logs(robot, log, stated).notes
+        assert any("joint0 is locked at 0 rad or m" in note for note in notes)
 
 
 def test_a_locked_joint_that_stands_elsewhere_is_noted(tmp_path):

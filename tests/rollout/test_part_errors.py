@@ -8,16 +8,17 @@ pytest.importorskip("mujoco")
 from commanded_leg import write_leg
 
 from consistent_id import Recording, load_problem
+from consistent_id.rollout import candidates as module
 from consistent_id.rollout.candidates import Candidates
 from consistent_id.rollout.chosen_settings import chosen_settings
 from consistent_id.rollout.commanded_motion import Replay
 from consistent_id.rollout.compared_models import Rollout
 from consistent_id.rollout.part_errors import (
+    LEAST_LEVEL,
     is_larger,
     joint_weights,
     squares_of_part,
 )
-from consistent_id.rollout.refine import LEAST_LEVEL
 from consistent_id.rollout.refined_parts import best_ridge
 from consistent_id.rollout.settings import Settings, rollout_error, torque_fit
 
@@ -38,9 +39,17 @@ def test_a_joint_at_rest_and_a_motion_that_diverges_have_no_weights_of_their_own
     still = SQUARES * [0.0, 1.0, 1.0]
     weights = joint_weights(still)
     assert np.isfinite(weights).all()
-    assert weights[0] == pytest.approx(weights[1] / LEAST_LEVEL**2)
+    assert weights[0] == pytest.approx(weights[2] / LEAST_LEVEL**2)
+    assert weights[2] == pytest.approx(25.0 * weights[1])
     assert (joint_weights(SQUARES * [1.0, np.inf, 1.0]) == 1.0).all()
     assert (joint_weights(0.0 * SQUARES) == 1.0).all()
+
+
+@pytest.mark.parametrize("times", [20.0, 200.0, 1e4])
+def test_shares_are_equal_however_large_the_error_of_one_joint(times):
+    one = SQUARES * [1.0, times**2, 1.0]
+    shares = (one * joint_weights(one)).sum(axis=0)
+    assert shares == pytest.approx(one.sum() / 3.0)
 
 
 def test_a_joint_with_a_large_error_does_not_hide_what_is_lost_at_others():
@@ -48,10 +57,40 @@ def test_a_joint_with_a_large_error_does_not_hide_what_is_lost_at_others():
     assert now.sum() < SQUARES.sum()
     assert is_larger(now, SQUARES)
     assert not is_larger(SQUARES, now)
+    # Over the levels before: over its own, the first joint would count a hundredth.
+    first = SQUARES * [10.0, 0.8, 0.8]
+    assert is_larger(first, SQUARES) and not is_larger(SQUARES, first)
     parts = {None: (SQUARES, SQUARES), 0.1: (now, now)}
     assert best_ridge(parts) is None
     parts = {None: (now, now), 0.1: (SQUARES, SQUARES)}
     assert best_ridge(parts) == 0.1
+
+
+def test_errors_are_larger_by_as_many_standard_errors_as_are_asked():
+    spread = np.array([1.0, -1.0, 2.0, -2.0])
+    error = np.std(spread, ddof=1) / 2.0
+    before = np.full((4, 1), 10.0)
+    now = before + (spread + 2.0 * error)[:, None]
+    assert is_larger(now, before, errors=1.9)
+    assert not is_larger(now, before, errors=2.1)
+    assert not is_larger(now, before)  # 3.2 of them, with four blocks
+
+
+@pytest.mark.slow
+def test_settings_whose_motion_diverges_are_infinite_in_both_parts(
+    tmp_path, monkeypatch
+):
+    write_leg(tmp_path)
+    candidates = Candidates(load_problem(tmp_path))
+    found = iter([np.ones((4, 2)), np.full((4, 2), np.inf)])
+    monkeypatch.setattr(module, "squares_of_part", lambda *given: next(found))
+    settings = Settings(cutoff=20.0)
+    assert np.isinf(candidates.by_joint(settings)).all()
+    assert candidates.by_joint(settings).shape == (8, 2)
+    assert np.isinf([candidates.tried[settings], candidates.error(settings)]).all()
+    assert candidates.built and not candidates.skipped
+    candidates.weigh(settings)
+    assert np.isinf(candidates.error(settings))
 
 
 @pytest.mark.slow
@@ -86,6 +125,21 @@ def test_a_joint_that_meets_a_stop_does_not_decide_the_delay_of_all(tmp_path, de
     assert abs(choice.settings.delay - delay) < 1e-3
     low, high = choice.delay_interval
     assert low <= delay <= high
+
+
+def test_the_error_of_a_joint_is_that_of_all_samples():
+    logs = []
+    for count, error in [(100, 30e-3), (300, 1e-3)]:
+        rest = np.zeros((count, 3))
+        log = Recording(("a", "b", "c"), np.arange(count) / 100.0, rest, rest)
+        moved = rest + np.array([0.0, 1e-3, error])
+        logs.append(Replay("model", log, moved, rest))
+    found = Rollout({"model": tuple(logs)}, {}, 0.0)
+    whole = np.sqrt((100 * 30.0**2 + 300) / 400)
+    others = np.sqrt(0.5)
+    assert f"(c {whole:.2f}, the others {others:.2f})" in found.sentence
+    parts = (whole**2 + 2.0 * others**2) / 3.0
+    assert f"{np.sqrt(parts):.2f} mrad" in found.sentence
 
 
 @pytest.mark.parametrize(
