@@ -175,7 +175,9 @@ def found_logs(
     model: Path, log: Path, stated: Statement, tables: Mapping[Path, ColumnTable]
 ) -> RobotLogs:
     """Find how to read logs under the stated options."""
-    robot = _loaded(model, stated)
+    robot = whole = _loaded(model, stated)
+    if stated.locked:
+        whole = _loaded(model, replace(stated, locked=None))
     _require_floating(stated, floating=robot.floating)
     if log in tables:
         _require_fixed(robot)
@@ -192,7 +194,7 @@ def found_logs(
         flat=in_memory is not None and has_only_columns(tables[log], in_memory),
         taken=(*others, *(name for one in wrenches for name in one.names)),
         arrays=_arrays(floating),
-        all_joints=_every_joint(model, stated),
+        all_joints=whole.joint_names if stated.locked else (),
         rows=_rows_of_joints(model, log, robot, stated, tables),
     )
     guessed = partial(_guessed, log, renamed=_names_in_log(stated, robot), felt=felt)
@@ -217,8 +219,7 @@ def found_logs(
     gains_of(stated.torque_gain, len(robot.joint_names))
     kept = (f"{path} stands for a table in memory" for path in tables)
     said = () if log in tables else log_format(log).notes(log)
-    every = partial(_loaded, model, replace(stated, locked=None))
-    said += locked_notes(log, guess, known, stated.locked or {}, tables.get(log), every)
+    said += locked_notes(log, guess, known, stated.locked or {}, tables.get(log), whole)
     found, notes = guess.columns, (*said, *guess.notes, *kept, *[felt] * bool(felt))
     if floating is not None:
         found = replace(found, beside=floating.beside)
@@ -416,13 +417,6 @@ def _require_base(model: Path, log: Path, robot: RobotModel, stated: Statement) 
             f"If it hangs still, or is bolted down, add --base ROOT with the name of "
             f"the link that stands still"
         )
-
-
-def _every_joint(model: Path, stated: Statement) -> tuple[str, ...]:
-    """Return the names of all joints, if some of them are locked."""
-    if not stated.locked:
-        return ()
-    return _loaded(model, replace(stated, locked=None)).joint_names
 
 
 def gains_of(given: Sequence[float], joints: int) -> list[float] | float:

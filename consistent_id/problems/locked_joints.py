@@ -5,7 +5,7 @@ then another robot: its column was forgotten, or the statement is wrong.  A ligh
 such as a gripper, may be stated to be locked.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +77,7 @@ def locked_notes(
     known: KnownColumns,
     locked: Mapping[str, float],
     table: ColumnTable | None,
-    unlocked: Callable[[], RobotModel],
+    unlocked: RobotModel,
 ) -> tuple[str, ...]:
     """Return notes on joints that are locked elsewhere than they stand in a log.
 
@@ -93,8 +93,8 @@ def locked_notes(
         Joints that the user locked, and their positions [rad or m].
     table : ColumnTable, optional
         The log, if it is in memory.
-    unlocked : callable
-        Returns the robot with all of its joints.
+    unlocked : RobotModel
+        The robot with all of its joints.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def locked_notes(
         travel, place = float(np.ptp(position)), float(np.median(position))
         if travel > _MOVES:
             moving.append(joint)
-            share = _moved_share(unlocked(), moving)
+            share = _moved_share(unlocked, moving)
             if share is None or share > _LIGHT:
                 raise _moving(log, moving, column, travel, share)
             notes.append(

@@ -1,8 +1,8 @@
 """Settings that were tried, and how well they predict motion that was not learnt from.
 
 The faster part of the training motion is predicted by the fit to the slower one, and
-the slower part by the fit to the faster one; both count alike.  So do all joints: each
-counts over its level with settings that are named once, by `Candidates.weigh`.
+the slower part by the fit to the faster one; both count alike.  So do all joints: the
+error of each is divided by its error with the settings that `Candidates.weigh` got.
 """
 
 from collections.abc import Callable, Iterator

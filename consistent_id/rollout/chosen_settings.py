@@ -60,8 +60,8 @@ class SettingsChoice:
     Parameters
     ----------
     error : float, [rad or m]
-        Error of rollouts of the held-out part, both ways.  Of all that were tried, its
-        error is the least with all joints alike, so it is optimistic.
+        Error of rollouts of the held-out part, both ways.  These settings are the best
+        of all that were tried, with all joints alike, so it is optimistic.
     tried : tuple of (Settings, float)
     delay : FoundDelay, optional
         The delay with its standard error.

@@ -421,18 +421,13 @@ def test_numbers_that_would_stop_it_in_silence_are_refused(estimate, wrong):
         OnlineEstimate(estimate, **wrong)
 
 
-def test_a_path_is_no_block(estimate):
-    online = OnlineEstimate(estimate)
-    for refused in (online.along, lambda log: online.follow(online.start(), log)):
-        with pytest.raises(ci.ProblemError, match=r"samples: a str.*read_recording"):
-            refused("service.csv")
-
-
-def test_a_delay_beyond_the_window_is_refused(estimate):
+def test_a_delay_beyond_the_window_is_refused_and_a_path(estimate):
     # A polynomial outside its samples says nothing.
     raw = replace(log(1, seconds=0.5), velocity=None, acceleration=None)
     with pytest.raises(ci.ProblemError, match="half a window"):
         OnlineEstimate(estimate, torque_delay=0.2).along(raw)
+    with pytest.raises(ci.ProblemError, match=r"samples: a str.*read_recording"):
+        OnlineEstimate(estimate).along("service.csv")
 
 
 @pytest.mark.parametrize("length", [0.0, -1.0, np.nan])
